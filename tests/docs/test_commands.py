@@ -236,7 +236,7 @@ def test_a_cable_in_space_is_fitted(walk, tmp_path):
     (settings,) = re.findall(r"```yaml\n(.*?)```", page, re.DOTALL)
     quick = settings + "estimate: {evaluations: 100, ensemble: 2}\n"
     out = walk("capture-in-space", folder, {"mkdir": f"echo '{quick}' > data/cable/experiment.yaml"})
-    assert "75 samples, 2 markers in space" in out
+    assert "trial 1: 75 samples, 2 markers in space" in out
     assert re.search(r"trial 1: fitted to E = \d", out)
     assert (folder / "results/cable/trial-01/report.html").is_file()
 

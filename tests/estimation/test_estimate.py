@@ -11,8 +11,8 @@ from strandcast.core.strings import DRAG_ALONG, PARAMETERS, REST_CURL, StringBat
 from strandcast.dynamics.parameters import RANGES
 from strandcast.errors import StrandcastError
 from strandcast.estimation import cross_validation
-from strandcast.estimation.cross_validation import CHOSEN, REFITTED
-from strandcast.estimation.estimate import estimate_throws, without_model
+from strandcast.estimation.cross_validation import CHOSEN, REFITTED, without_model
+from strandcast.estimation.estimate import estimate_throws
 from strandcast.estimation.fit_objective import EvaluationLog
 from strandcast.estimation.measured import Throw
 from strandcast.estimation.optimisers.registry import OPTIMISERS

@@ -208,7 +208,7 @@ def test_eulers_angles_are_named(tmp_path):
     )
     with pytest.raises(StrandcastError, match="angles of hand about three axes") as caught:
         import_capture(tmp_path / "take.csv", tmp_path / "out", mapping, CapturedTrial("e", 1, LENGTH_M, 8))
-    assert caught.value.fix == "export quaternions"
+    assert caught.value.fix == "export quaternions, or give euler = ['hand'] and euler_order"
 
 
 def plain(name, first, places=tuple(range(ROWS))):
@@ -349,7 +349,7 @@ def test_the_command_names_what_the_file_has_and_takes_two_columns_in_a_plane(
     assert run.exit_code == 2
     said = " ".join(re.sub(r"[│\n]", " ", run.output).split())
     assert "hand, string:tip, string:middle" in said
-    context = SimpleNamespace(params={"capture": tmp_path / "take.csv"})
+    context = SimpleNamespace(params={"captures": [tmp_path / "take.csv"]})
     assert exchange.complete_point(context, "") == ["hand", "string:tip", "string:middle"]
     assert exchange.complete_point(context, "0.8:string:t") == ["0.8:string:tip"]
     plane = ["--hand", "hand.x,hand.y", "--marker", "0.4:string:middle.x,string:middle.y"]

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from scipy.spatial.transform import Rotation
 
 from strandcast.errors import StrandcastError, StrandcastErrors
 from strandcast.imports.capture import CapturedTrial, import_capture
@@ -57,6 +58,46 @@ def test_two_points_give_the_direction_and_leave_the_roll_open(tmp_path, named):
     (end,) = ends_of(read_table(tmp_path / "out/hand.parquet", HAND))
     assert end.normal is None
     np.testing.assert_allclose(end.direction / 0.03, pose.direction, atol=1e-4)
+
+
+@pytest.mark.parametrize("order", ["XYZ", "ZYX", "xyz"])
+def test_angles_in_a_stated_order_are_the_same_orientation(tmp_path, named, order):
+    data = captures.mapping_data()
+    imported(tmp_path, named, data)
+    (pose,) = ends_of(read_table(tmp_path / "out/hand.parquet", HAND))
+    q = np.column_stack([named[f"hand_q{axis}"] for axis in "wxyz"])
+    angles = Rotation.from_quat(q, scalar_first=True).as_euler(order, degrees=True)
+    turned = named | {f"r{k}": angles[:, k] for k in range(3)}
+    turned["r1"] = np.where(np.arange(len(angles)) == 5, np.nan, turned["r1"])
+    del data["hand"]["quaternion"]
+    data["hand"] |= {"euler": ["r0", "r1", "r2"], "euler_order": order}
+    imported(tmp_path, turned, data | {"angle_unit": "deg"})
+    (end,) = ends_of(read_table(tmp_path / "out/hand.parquet", HAND))
+    assert len(end.direction) == len(pose.direction) - 1  # in one row an angle is not known
+    np.testing.assert_allclose(end.direction, np.delete(pose.direction, 5, axis=0), atol=1e-5)
+    np.testing.assert_allclose(end.normal, np.delete(pose.normal, 5, axis=0), atol=1e-5)
+
+
+def test_angles_without_an_order_are_refused(named):
+    data = captures.mapping_data()
+    data["hand"] = {"position": ["hand"], "euler": ["r"], "leaves": [0, 0, -1]}
+    with pytest.raises(StrandcastErrors, match="euler_order"):
+        check_mapping(data, CaptureMapping)
+
+
+def test_a_pivot_at_rest_is_a_place_in_numbers(tmp_path):
+    time_s = np.arange(0.0, 1.0, 0.01)
+    named = {"t": time_s}
+    for k, place_m in enumerate(captures.PLACES_M):
+        swing = 0.1 * place_m * np.sin(3.0 * time_s)
+        path = np.column_stack(
+            [0.2 + swing, np.full_like(time_s, -0.1), 1.5 - np.sqrt(place_m**2 - swing**2)]
+        )
+        named |= captures.triple(f"m{k + 1}", path)
+    data = captures.mapping_data(hand={"position": ["200.0", "1500.0", "100.0"]})
+    imported(tmp_path, named, data)
+    (end,) = ends_of(read_table(tmp_path / "out/hand.parquet", HAND))
+    np.testing.assert_allclose(end.place_m, np.tile([0.2, -0.1, 1.5], (100, 1)), atol=1e-9)
 
 
 def test_a_mirrored_file_and_its_copy_give_the_same(tmp_path, named):

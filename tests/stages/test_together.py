@@ -1,6 +1,7 @@
 """Captures of one string with a weight and without: masses in kilograms, and one fit of both."""
 
 import json
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +18,13 @@ from strandcast.stages.run import run_stage
 
 LENGTH_M, MASS_KG_M, WEIGHT_KG = 0.6, 0.012, 0.02
 PLACES_M = (0.2, 0.4, 0.6)
+MAPPING = {
+    "time": "t",
+    "length_unit": "m",
+    "up": "z",
+    "hand": {"position": ["hand"], "behind": ["behind"]},
+    "markers": [{"place_m": place_m, "position": [f"m{m}"]} for m, place_m in enumerate(PLACES_M)],
+}
 YAML = """\
 string: {{length_m: 0.6, mass_per_length_kg_m: 0.012, weights: {weights}}}
 estimate: {{evaluations: 500}}
@@ -50,14 +58,7 @@ def write_capture(file: Path, weights: list[tuple[float, float]], seed: int) -> 
     np.savetxt(
         file, np.column_stack(list(columns.values())), "%.6f", ",", header=",".join(columns), comments=""
     )
-    data = {
-        "time": "t",
-        "length_unit": "m",
-        "up": "z",
-        "hand": {"position": ["hand"], "behind": ["behind"]},
-        "markers": [{"place_m": place_m, "position": [f"m{m}"]} for m, place_m in enumerate(PLACES_M)],
-    }
-    return check_mapping(data, CaptureMapping)
+    return check_mapping(MAPPING, CaptureMapping)
 
 
 @pytest.fixture(scope="module")
@@ -99,6 +100,20 @@ def test_one_fit_of_both_knows_the_weight(captured):
     assert "curl_left_rad" in found["experiments"]["bare"]["unknowns"]
     assert "curl_left_rad" not in found["shared"]
     assert all(each["E_m"] < 5e-3 for each in found["experiments"].values())
+
+
+def test_several_files_are_imported_as_the_next_trials(captured):
+    files = ["loaded.csv", "bare.csv"]
+    columns = captured / "columns.yaml"
+    columns.write_text(json.dumps(MAPPING))
+    line = ["strandcast", "import", "track", "loaded", "7", *files, "--columns", str(columns), "--json"]
+    done = run_module(captured, *line)
+    assert done.returncode == 0, done.stderr
+    trials = json.loads(done.stdout)["trials"]
+    assert [(each["trial"], each["samples"]) for each in trials] == [(7, 150), (8, 150)]
+    for number in (7, 8):
+        assert (captured / "data" / "loaded" / f"trial-{number:02d}" / "track.json").is_file()
+        shutil.rmtree(captured / "data" / "loaded" / f"trial-{number:02d}")
 
 
 def test_strings_of_unlike_lengths_share_nothing(captured):

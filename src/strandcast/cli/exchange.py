@@ -27,9 +27,9 @@ def complete_point(context: typer.Context, incomplete: str) -> list[str]:
     """Return the bodies and markers of the capture that the command line names, after a place or without."""
     from strandcast.imports.capture_table import read_capture
 
-    capture = context.params.get("capture")
+    captures = context.params.get("captures")
     try:
-        names = read_capture(capture).points() if capture else []
+        names = read_capture(captures[0]).points() if captures else []
     except StrandcastError:
         return []
     place, colon, _ = incomplete.partition(":")
@@ -108,8 +108,12 @@ def import_joints(
 def import_track(
     experiment: ExperimentName,
     trial: TrialNumber,
-    capture: Annotated[
-        Path, typer.Argument(metavar="CAPTURE", help="CSV, TSV, TRC, C3D or Parquet with one row per sample.")
+    captures: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="CAPTURE...",
+            help="CSV, TSV, TRC, C3D or Parquet with one row per sample; further files are the next trials.",
+        ),
     ],
     time: Annotated[
         str | None, typer.Option(help="Column of the time; by default the file's own clock, else t.")
@@ -117,8 +121,8 @@ def import_track(
     hand: Annotated[
         str | None,
         typer.Option(
-            help="Columns of the hand: X,Y or X,Y,ANGLE, x,y,angle by default; in space X,Y,Z, or NAME. Of "
-            "an arm's throw in space: any place on the hand.",
+            help="Columns of the hand: X,Y or X,Y,ANGLE, x,y,angle by default; in space X,Y,Z, or NAME; or "
+            "its place, if it rests: 0.0,0.0,1.2. Of an arm's throw in space: any place on the hand.",
             autocompletion=complete_point,
         ),
     ] = None,
@@ -152,7 +156,7 @@ def import_track(
         str | None,
         typer.Option(
             help="Columns of a point behind the hand, as --hand; the string leaves in the direction from "
-            "there. For an orientation as a quaternion, use --columns.",
+            "there. For an orientation as a quaternion or angles, use --columns.",
             autocompletion=complete_point,
         ),
     ] = None,
@@ -178,7 +182,7 @@ def import_track(
     replace: Annotated[bool, typer.Option("--replace", help="Overwrite an earlier import.")] = False,
     as_json: AsJson = False,
 ) -> None:
-    """Import motion capture as track, hand and alignment of a trial without video.
+    """Import motion capture as track, hand and alignment of trials without video.
 
     Names, rate, units and the axis that points up are the file's, if it has them. A capture in the plane of
     motion has two coordinates of each marker, one in space three, and one or two ends of the string driven.
@@ -189,10 +193,10 @@ def import_track(
     from strandcast.stages import import_track as stage
 
     if columns is None and not marker:
-        there = read_capture(capture).listed()
+        there = read_capture(captures[0]).listed()
         raise typer.BadParameter(
             f"give --hand NAME, and --marker PLACE:NAME for each marker, or --columns FILE; "
-            f"{capture.name} has {there}"
+            f"{captures[0].name} has {there}"
         )
     if columns is not None:
         mapping = load_mapping(columns, CaptureMapping)
@@ -211,12 +215,15 @@ def import_track(
             angle_sign=angle_sign,
             angle_offset_rad=angle_offset,
         )
-    summary = stage.run(ROOT, experiment, trial, capture, mapping, replace, offset)
-    what = "markers in space" if mapping.in_space else "mass points"
-    lines = [f"{summary.decoded_frames} samples, {summary.points} {what}"]
-    lines += [f"warning: {warning}" for warning in summary.warnings]
-    found = {"samples": summary.decoded_frames, "points": summary.points, "warnings": summary.warnings}
-    show(as_json, {"experiment": experiment, "trial": trial} | found, lines)
+    found, lines = [], []
+    for number, capture in enumerate(captures, trial):
+        summary = stage.run(ROOT, experiment, number, capture, mapping, replace, offset)
+        what = "markers in space" if mapping.in_space else "mass points"
+        lines.append(f"trial {number}: {summary.decoded_frames} samples, {summary.points} {what}")
+        lines += [f"warning: {warning}" for warning in summary.warnings]
+        numbers = {"samples": summary.decoded_frames, "points": summary.points}
+        found.append({"trial": number, **numbers, "warnings": summary.warnings})
+    show(as_json, {"experiment": experiment, "trials": found}, lines)
 
 
 def import_views(

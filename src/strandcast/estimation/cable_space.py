@@ -66,6 +66,11 @@ class CableSpace(Space):
         units = {"damping_s": "s"} | {name: "rad" for name in self.names if name.endswith("_rad")}
         return {name: units.get(name, "1") for name in self.names[: len(self.names) - self.layout.count]}
 
+    def mass_powers(self) -> Array:
+        """(d,) powers of a string's mass with which its unknowns rise if it is to move as before."""
+        powers = {"bending_length": 1.0 / 3.0, "air": 1.0}
+        return np.array([powers.get(name, 0.0) for name in self.names])
+
     def strings(self, chi: Array) -> StringBatch:
         """Candidate cables of exponents (B, d)."""
         value = dict(zip(self.names, self.values(np.atleast_2d(chi)).T, strict=True))

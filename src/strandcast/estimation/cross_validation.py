@@ -6,11 +6,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from strandcast.dynamics.spatial.clamps import POSE
 from strandcast.estimation.descent import LADDER, GaussNewtonModel, descend, descent_batch
 from strandcast.estimation.evaluation import Array, evaluation_of_points
 from strandcast.estimation.fit_objective import EvaluationLog, FitObjective, simulate_throw
 from strandcast.estimation.throws import PreparedThrow, TrialParts
-from strandcast.records.estimate import LAST_PART
+from strandcast.records.estimate import CARRIED, HANGING, LAST_PART
 
 # Chosen.
 PARTS = 4
@@ -28,6 +29,32 @@ class HeldOutEvaluation:
 
     what: str
     E_m: float
+
+
+def without_model(whole: FitObjective) -> list[HeldOutEvaluation]:
+    """E of a trial for guesses that need no model, to compare predictions with.
+
+    The string hangs straight below the hand, or it keeps its first shape and moves with the hand; between two
+    driven ends with both, by the place along the string.
+    """
+    (throw,), along = whole.throws, np.linspace(0.0, 1.0, whole.model.points + 1)[:, None]
+    axes, path_m = throw.points_m.shape[2], throw.hand.pose
+    frames_m = np.column_stack([np.interp(throw.time_s, throw.hand.time_s, each) for each in path_m.T])
+    far = slice(-POSE, path_m.shape[1] - POSE + axes) if axes == 3 else slice(axes)
+    guesses = {}
+    if path_m.shape[1] <= POSE:
+        down = np.eye(axes)[-1] * -whole.model.length_m
+        guesses[HANGING] = frames_m[:, None, :axes] + along * down
+    if throw.start.points_m is not None:
+        first = np.concatenate([path_m[:1, :axes], throw.start.points_m])
+        near_moved, far_moved = ((frames_m - path_m[0])[:, None, end] for end in (slice(axes), far))
+        guesses[CARRIED] = first + (1.0 - along) * near_moved + along * far_moved
+    return [
+        HeldOutEvaluation(
+            what, float(evaluation_of_points(whole.point_values(throw, throw.as_measured(each))))
+        )
+        for what, each in guesses.items()
+    ]
 
 
 class Fold(NamedTuple):

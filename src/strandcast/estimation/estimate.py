@@ -12,17 +12,17 @@ from strandcast.core.strings import ForceName, StringBatch
 from strandcast.dynamics.masses import MassLayout
 from strandcast.dynamics.model import StringModel
 from strandcast.dynamics.simulate import simulate_batch
-from strandcast.dynamics.spatial.clamps import POSE
 from strandcast.errors import FAILED_TRIALS, StrandcastError
 from strandcast.estimation import cross_validation
-from strandcast.estimation.cross_validation import HeldOutEvaluation
+from strandcast.estimation.cross_validation import HeldOutEvaluation, without_model
 from strandcast.estimation.descent import GaussNewtonModel
 from strandcast.estimation.ensemble import near_samples
-from strandcast.estimation.evaluation import Array, distances, evaluation_of_points, tip_error
+from strandcast.estimation.evaluation import Array, distances, tip_error
 from strandcast.estimation.excitation import untold
 from strandcast.estimation.fit import StringFit, fit_of
 from strandcast.estimation.fit_objective import EvaluationLog, FitObjective, simulate_throw
 from strandcast.estimation.forces import kept_forces, with_forces_that_pay
+from strandcast.estimation.masses import with_masses
 from strandcast.estimation.measured import Throw
 from strandcast.estimation.optimisers.optimiser import SearchStart
 from strandcast.estimation.search import (
@@ -36,7 +36,7 @@ from strandcast.estimation.space import Space
 from strandcast.estimation.throws import PreparedThrow, TrialParts, parts_of_throws
 from strandcast.estimation.uncertainty import RISE, uncertainty_of
 from strandcast.estimation.unknowns import forces_of, space_of
-from strandcast.records.estimate import CARRIED, HANGING, TIP_UNDER_PREVIOUS, UNDER_PREVIOUS, ForceTried
+from strandcast.records.estimate import TIP_UNDER_PREVIOUS, UNDER_PREVIOUS, ForceTried
 
 Random = Callable[[], np.random.Generator]
 
@@ -163,6 +163,8 @@ def estimate(
         _sample_near(objective, log, rng)
     held_out += without_model(whole) if references else []
     uncertainty = uncertainty_of(objective, log, profiles=settings.profiles)
+    if searches > 1 and settings.profiles:
+        uncertainty = with_masses(uncertainty, objective, log)
     weights = np.asarray(np.bincount(parts.trial, objective.shares, parts.trials), dtype=float)
     fit = fit_of(objective, parts.newest, log, held_out, uncertainty, settings, planned, weights)
     if parts.newest.places is not None:
@@ -222,32 +224,6 @@ def _paths(name: str, model: StringModel, throw: PreparedThrow, string: StringBa
         return paths
     string_name = {"fitted": "string", "predicted": "predicted_string"}[name]
     return paths | {string_name: simulate_batch(model, string, throw.hand, throw.time_s, throw.start)[0][0]}
-
-
-def without_model(whole: FitObjective) -> list[HeldOutEvaluation]:
-    """E of a trial for guesses that need no model, to compare predictions with.
-
-    The string hangs straight below the hand, or it keeps its first shape and moves with the hand; between two
-    driven ends with both, by the place along the string.
-    """
-    (throw,), along = whole.throws, np.linspace(0.0, 1.0, whole.model.points + 1)[:, None]
-    axes, path_m = throw.points_m.shape[2], throw.hand.pose
-    frames_m = np.column_stack([np.interp(throw.time_s, throw.hand.time_s, each) for each in path_m.T])
-    far = slice(-POSE, path_m.shape[1] - POSE + axes) if axes == 3 else slice(axes)
-    guesses = {}
-    if path_m.shape[1] <= POSE:
-        down = np.eye(axes)[-1] * -whole.model.length_m
-        guesses[HANGING] = frames_m[:, None, :axes] + along * down
-    if throw.start.points_m is not None:
-        first = np.concatenate([path_m[:1, :axes], throw.start.points_m])
-        near_moved, far_moved = ((frames_m - path_m[0])[:, None, end] for end in (slice(axes), far))
-        guesses[CARRIED] = first + (1.0 - along) * near_moved + along * far_moved
-    return [
-        HeldOutEvaluation(
-            what, float(evaluation_of_points(whole.point_values(throw, throw.as_measured(each))))
-        )
-        for what, each in guesses.items()
-    ]
 
 
 def _sample_near(objective: FitObjective, log: EvaluationLog, rng: np.random.Generator) -> None:

@@ -149,6 +149,22 @@ class Space:
             columns.append(known.get(name, np.full(len(strings), middle[name]))[:, None])
         return self.exponents(np.hstack(columns))
 
+    def mass_powers(self) -> Array:
+        """(d,) powers of a string's mass with which its unknowns rise if it is to move as before."""
+        per_mass = {name for name, row in UNKNOWNS.items() if row.unit.endswith("/kg")} | set(UNITS)
+        return np.array([float(name in per_mass) for name in self.names])
+
+    def as_heavy(self, masses: Array, chi: Array, row: int) -> Array:
+        """Return exponents (T, d) of strings that move about like `chi` (d,), with other masses of a weight.
+
+        `masses` (T,) are exponents of the unknown `row`.
+        """
+        values = np.tile(self.values(chi), (len(masses), 1))
+        values[:, row] = self.values(np.where(np.arange(len(chi)) == row, masses[:, None], chi))[:, row]
+        half = 0.5 * self.layout.shares.shape[1]
+        heavier = (values[:, row] + half) / (self.values(chi)[row] + half)
+        return self.exponents(values * heavier[:, None] ** self.mass_powers())
+
     def deviations(self, chi: Array) -> Array:
         """Deviations (..., d) from the priors, in standard deviations; 0 for unknowns without one."""
         return np.asarray(self.values(chi) / self.prior_sd)

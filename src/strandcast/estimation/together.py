@@ -15,6 +15,7 @@ from strandcast.dynamics.model import StringModel
 from strandcast.estimation.evaluation import Array
 from strandcast.estimation.fit import disagreement
 from strandcast.estimation.fit_objective import EvaluationLog, FitObjective
+from strandcast.estimation.masses import with_masses
 from strandcast.estimation.optimisers.optimiser import SearchStart
 from strandcast.estimation.search import search, search_budget
 from strandcast.estimation.space import Space
@@ -89,7 +90,7 @@ def fit_together(
     log, *others = (search(objective, settings, own, start, budget) for own in rng.spawn(searches))
     for other in others:
         log.join(other)
-    uncertainty = uncertainty_of(objective, log, profiles=True)
+    uncertainty = with_masses(uncertainty_of(objective, log, profiles=True), objective, log)
     return JointFit(objective, log, uncertainty, disagreement(log))
 
 

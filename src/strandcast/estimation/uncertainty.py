@@ -192,13 +192,13 @@ def _profiles(objective: FitObjective, log: EvaluationLog) -> tuple[Array, Array
     return np.minimum(low, least), np.maximum(high, greatest), open_low, open_high
 
 
-def near_range(log: EvaluationLog) -> tuple[Array, Array]:
-    """Return the least and the greatest exponents (d,) of the strings whose E is within `RISE` of the best.
+def near_range(log: EvaluationLog, rise: float = RISE) -> tuple[Array, Array]:
+    """Return the least and the greatest exponents (d,) of the strings whose E is within `rise` of the best.
 
     A profile follows one valley; the search has been in others, too.
     """
     chi, values = log.all()
-    near = chi[values <= (1.0 + RISE) * log.best()[1]]
+    near = chi[values <= (1.0 + rise) * log.best()[1]]
     return near.min(axis=0), near.max(axis=0)
 
 

@@ -1,14 +1,17 @@
 """Import motion capture, driven ends and markers on the string, as track, hand and alignment."""
 
+from collections.abc import Callable
+from functools import partial
 from itertools import combinations, pairwise
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from strandcast.arm.load import PlanarArm
 from strandcast.errors import StrandcastError
-from strandcast.imports.capture_mapping import CaptureMapping, CaptureMarker, DrivenBody, columns_of
+from strandcast.imports.capture_mapping import CaptureMapping, CaptureMarker, DrivenBody, at_rest, columns_of
 from strandcast.imports.capture_table import as_measured, read_capture, times_of, with_units
 from strandcast.imports.mapping import ANGLE_UNITS
 from strandcast.imports.table import NumberTable
@@ -279,7 +282,10 @@ def _bodies(mapping: CaptureMapping) -> list[tuple[str, DrivenBody]]:
 
 def _position(table: NumberTable, mapping: CaptureMapping, names: list[str]) -> np.ndarray:
     """Return positions (rows, 2 or 3) in the world [m], NaN where not measured."""
-    given = table.columns(columns_of(names)) * mapping.unit_m()
+    columns = columns_of(names)
+    still = at_rest(columns)
+    given = table.columns(columns) if still is None else np.tile(still, (len(table.values), 1))
+    given = given * mapping.unit_m()
     placed = given @ mapping.to_world().T if mapping.in_space else given
     return np.where(np.isfinite(given).all(axis=1, keepdims=True), placed, np.nan)
 
@@ -319,8 +325,8 @@ def _end(table: NumberTable, mapping: CaptureMapping, body: DrivenBody, name: st
     """Return the path of a driven end in space, NaN where it was not measured."""
     place_m = _position(table, mapping, body.position)
     direction, normal = _behind(table, mapping, body, name), None
-    if body.quaternion is not None and body.leaves is not None:
-        turned = _rotations(table, body.quaternion, name) @ np.column_stack(
+    if body.leaves is not None:
+        turned = _rotations(table, mapping, body, name) @ np.column_stack(
             [body.leaves, _aside(np.array(body.leaves)), np.array(body.offset) * mapping.unit_m()]
         )
         direction, normal, offset_m = np.moveaxis(mapping.to_world() @ turned, 2, 0)
@@ -328,11 +334,19 @@ def _end(table: NumberTable, mapping: CaptureMapping, body: DrivenBody, name: st
     return EndPath(place_m, direction, normal)
 
 
-def _rotations(table: NumberTable, names: list[str], name: str) -> np.ndarray:
-    """Return the rotations (rows, 3, 3) of quaternions w, x, y, z from the body's axes to the file's."""
+def _rotations(table: NumberTable, mapping: CaptureMapping, body: DrivenBody, name: str) -> np.ndarray:
+    """Return the rotations (rows, 3, 3) from the body's axes to the file's, NaN where not measured."""
+    if body.euler is not None and body.euler_order is not None:
+        names = body.euler
+        if len(names) == 1:
+            names = [f"{names[0]}.r{axis}" for axis in body.euler_order.lower()]
+        angles = table.columns(names) * ANGLE_UNITS[mapping.angle_unit]
+        return _measured(angles, partial(Rotation.from_euler, body.euler_order))
+    names = body.quaternion or []
     if len(names) == 1 and f"{names[0]}.rx" in table.names and f"{names[0]}.qx" not in table.names:
         what = f"the file has angles of {names[0]} about three axes, and programs order these differently"
-        raise refusal("SC-I004", table.path, f"{name}.quaternion", what, "export quaternions")
+        fix = f"export quaternions, or give euler = [{names[0]!r}] and euler_order"
+        raise refusal("SC-I004", table.path, f"{name}.quaternion", what, fix)
     q = table.columns([f"{names[0]}.q{axis}" for axis in "wxyz"] if len(names) == 1 else names)
     length = np.linalg.norm(q, axis=1)
     wrong = np.abs(length - 1.0) > OF_LENGTH_ONE
@@ -341,13 +355,15 @@ def _rotations(table: NumberTable, names: list[str], name: str) -> np.ndarray:
         what = f"has length {length[row]:.4g}, not 1 ({wrong.sum()} such rows of {len(q)})"
         fix = "name the four columns w, x, y, z of the quaternion; leave cells empty where it is not known"
         raise table.refusal(row, f"{name}.quaternion", what, fix, "SC-I025")
-    w, x, y, z = (q / length[:, None]).T
-    rows = [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-    ]
-    return np.moveaxis(np.array(rows), 2, 0)
+    return _measured(q, partial(Rotation.from_quat, scalar_first=True))
+
+
+def _measured(rows: np.ndarray, rotation: Callable[[np.ndarray], Rotation]) -> np.ndarray:
+    """Return the matrices (rows, 3, 3) of rotations, NaN where a number is."""
+    known = np.isfinite(rows).all(axis=1)
+    matrices = np.full((len(rows), 3, 3), np.nan)
+    matrices[known] = rotation(rows[known]).as_matrix()
+    return matrices
 
 
 def _aside(direction: np.ndarray) -> np.ndarray:
@@ -375,7 +391,7 @@ def _placed(
     given = {
         "far": mapping.far,
         "hand.behind": hand and hand.behind,
-        "hand.quaternion": hand and hand.quaternion,
+        "hand.leaves": hand and hand.leaves,
     }
     if wrong := [field for field, value in given.items() if value]:
         what = "the arm's hand alone drives the string of a throw, in the direction that the joint log gives"

@@ -37,12 +37,20 @@ def columns_of(names: list[str]) -> list[str]:
     return [f"{names[0]}.{axis}" for axis in "xyz"]
 
 
+def at_rest(columns: list[str]) -> np.ndarray | None:
+    """Return the coordinates of a place at rest, which numbers with a point are; None for columns."""
+    try:
+        return np.array(columns, dtype=float) if all("." in column for column in columns) else None
+    except ValueError:
+        return None
+
+
 class DrivenBody(Mapping):
     """A body that holds an end of the string: a pose, two points, or one point."""
 
     position: Coordinates = Field(
         description="Columns of where the string leaves it: x, y; in space x, y, z, or one name for NAME.x, "
-        "NAME.y, NAME.z."
+        "NAME.y, NAME.z. Numbers with a point (0.0) are a place at rest."
     )
     behind: Coordinates | None = Field(
         None, description="… of a second point, behind it: the string leaves in the direction from there."
@@ -51,23 +59,44 @@ class DrivenBody(Mapping):
         None,
         description="Columns w, x, y, z of the body's orientation, or one name for NAME.qw to NAME.qz.",
     )
+    euler: list[str] | None = Field(
+        None,
+        description="Instead of it: columns of three angles in `angle_unit`, or one name for NAME.rx to "
+        "NAME.rz.",
+    )
+    euler_order: str | None = Field(
+        None,
+        pattern=r"^([xyz]{3}|[XYZ]{3})$",
+        description="In which order they turn: XYZ about the body's own axes, xyz about the file's.",
+    )
     leaves: Vector | None = Field(
-        None, description="Direction in which the string leaves, in the body's own axes; with `quaternion`."
+        None, description="Direction in which the string leaves, in the body's own axes; with an orientation."
     )
     offset: Vector = Field(
         (0.0, 0.0, 0.0),
         description="From `position` to where the string leaves, in the body's own axes and `length_unit`; "
-        "with `quaternion`.",
+        "with an orientation.",
     )
+
+    @property
+    def is_turned(self) -> bool:
+        """Whether its orientation is measured."""
+        return self.quaternion is not None or self.euler is not None
 
     @model_validator(mode="after")
     def _has_one_orientation(self) -> Self:
-        if self.behind is not None and self.quaternion is not None:
-            raise ValueError("give behind, or quaternion and leaves, not both")
+        if sum(given is not None for given in (self.behind, self.quaternion, self.euler)) > 1:
+            raise ValueError("give one of behind, quaternion and euler")
+        if (self.euler is None) != (self.euler_order is None):
+            raise ValueError(
+                "euler and euler_order (e.g. XYZ) go together: programs order angles differently"
+            )
+        if self.euler is not None and len(self.euler) not in (1, 3):
+            raise ValueError("name three columns of euler, in the order of euler_order, or one body")
         if self.quaternion is not None and len(self.quaternion) not in (1, 4):
             raise ValueError("name four columns of the quaternion, w, x, y, z, or one body")
-        if (self.quaternion is None) != (self.leaves is None):
-            raise ValueError("quaternion and leaves (the direction in which the string leaves) go together")
+        if self.is_turned != (self.leaves is not None):
+            raise ValueError("an orientation and leaves (in which direction the string leaves) go together")
         if self.leaves is not None and not np.any(self.leaves):
             raise ValueError("leaves is a direction, e.g. [0, 0, -1]")
         return self
@@ -130,13 +159,13 @@ class CaptureMapping(Mapping):
             raise ValueError("give time or rate_hz, not both")
         if self.far is not None and self.hand is None:
             raise ValueError("far is the second body: give hand, too")
-        if len({body.behind is None and body.quaternion is None for body in bodies}) > 1:
+        if len({body.behind is None and not body.is_turned for body in bodies}) > 1:
             raise ValueError("hand and far both need a direction, or both are only a point")
         if len({len(columns) for columns in self.positions()}) > 1:
             raise ValueError("name as many columns of each body as of the markers: two, or three in space")
         of_space = [name for name in ("up", "far") if getattr(self, name) is not None]
         of_space += ["handedness"] if self.handedness == "left" else []
-        of_space += ["quaternion"] if self.hand is not None and self.hand.quaternion is not None else []
+        of_space += ["an orientation"] if self.hand is not None and self.hand.is_turned else []
         if not self.in_space and of_space:
             raise ValueError(f"two columns are a plane: name three of each body and marker for {of_space[0]}")
         angled = self.hand_angle is not None or self.angle_offset_rad != 0.0 or self.angle_sign != 1

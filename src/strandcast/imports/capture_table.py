@@ -12,7 +12,7 @@ from strandcast.core.jumps import GLITCH_M_S
 from strandcast.imports.as_measured import not_held
 from strandcast.imports.c3d_files import C3D, SUFFIX, read_c3d
 from strandcast.imports.capture_dialects import read_capture_csv
-from strandcast.imports.capture_mapping import CaptureMapping
+from strandcast.imports.capture_mapping import CaptureMapping, at_rest
 from strandcast.imports.mapping import LENGTH_UNITS, TIME_UNITS, unit_named
 from strandcast.imports.table import NumberTable, read_numbers
 from strandcast.records.record import refusal
@@ -183,8 +183,9 @@ def as_measured(
             "which are used"
         )
     values = table.values.copy()
-    places = [[table.index(name) for name in columns] for columns in mapping.positions()]
-    for columns, numbers in zip(mapping.positions(), places, strict=True):
+    measured = [columns for columns in mapping.positions() if at_rest(columns) is None]
+    places = [[table.index(name) for name in columns] for columns in measured]
+    for columns, numbers in zip(measured, places, strict=True):
         place_m = table.columns(columns) * mapping.unit_m()
         if (missing := _jumps_to_zero(place_m, time_s)).any():
             values[np.ix_(missing, np.array(numbers))] = np.nan
