@@ -18,10 +18,8 @@ from strandcast.dynamics.parameters import Array
 from strandcast.dynamics.simulate import simulate_batch
 from strandcast_studies.evidence.solve import FreeParameter
 
-POINT_SPACING_M = 0.03  # small enough for the lever: a weight split over two points has the inertia of both
+POINT_SPACING_M = 0.03
 STEP_S = 2e-3
-BEYOND = 5  # points of a stiff, massless arm beyond the end that carries a weight's centre
-_ARM_STIFFER, _ARM_POINT_KG = 20.0, 2e-4
 _STRETCH_N = 1e4  # force per strain: the cable stretches by half a millimetre; chosen
 _AIR = 0.013  # N s^2/m^2 per metre: half air density, drag coefficient 1.1, 20 mm of diameter
 
@@ -34,13 +32,12 @@ UNKNOWNS = {
     "clamp_rad": FreeParameter("clamp_rad", 0.0, -0.4, 0.4, 0.003),
     "log_clamp": FreeParameter("log_clamp", float(np.log(2.0)), -3.0, 4.0, 0.03),
     "delay_s": FreeParameter("delay_s", 0.0, -0.1, 0.1, 0.002),
-    "lever_m": FreeParameter("lever_m", 0.02, 0.0, 0.14, 0.001),
     "weight_kg": FreeParameter("weight_kg", 0.15, 0.0, 1.0, 0.002),
 }
 """Stiffness [N m^2]; damping [N m^2 s]; moment of dry friction [N m], without which a swing decays
 exponentially and never stops; bend per length over which friction builds up [rad/m], without which it does
 not stick; rest curl; turn of the clamp and its stiffness relative to a segment's; delay of the hand's times
-relative to the markers'; the weight's lever beyond the end and its mass."""
+relative to the markers'; mass of the weight."""
 
 Values = Mapping[str, Array | float]
 
@@ -99,15 +96,10 @@ def play(series: Series, values: Values) -> Array:
     batch = max(np.size(value) for value in values.values())
     given = {name: np.broadcast_to(np.asarray(value, dtype=float), batch) for name, value in values.items()}
     none = np.zeros(batch)
-    n, beyond = series.points, BEYOND if "lever_m" in given else 0
-    spacing_m = series.length_m / n
-    model = StringModel(series.length_m + beyond * spacing_m, n + beyond, reading="sign", dt_s=STEP_S)
-    stiffer = np.ones((batch, n + beyond))
-    stiffer[:, n:] = _ARM_STIFFER
+    n = series.points
+    model = StringModel(series.length_m, n, reading="sign", dt_s=STEP_S)
     strings = StringBatch(
-        _parameters(given, spacing_m),
-        _masses(series, given.get("weight_kg", none), given.get("lever_m", none), beyond),
-        bend_factor=stiffer,
+        _parameters(given, series.length_m / n), _masses(series, given.get("weight_kg", none))
     ).with_values(
         rest_curl_rad_m=given.get("curl_rad_m", none),
         clamp_offset_rad=given.get("clamp_rad", none),
@@ -115,7 +107,7 @@ def play(series: Series, values: Values) -> Array:
         friction_stick_rad_m=np.exp(given["log_stick"]) if "log_stick" in given else none,
     )
     pose = _late(series, given["delay_s"]) if "delay_s" in given else series.hand_pose
-    start = StringStart(_longer(series.start_m, beyond), _longer(series.start_velocity_m_s, beyond))
+    start = StringStart(series.start_m, series.start_velocity_m_s)
     positions, _ = simulate_batch(model, strings, HandPath(series.time_s, pose), series.time_s, start)
     return np.asarray(positions[:, :, [n // 2, n]])
 
@@ -140,20 +132,10 @@ def _parameters(given: dict[str, Array], spacing_m: float) -> Array:
     return np.column_stack([np.broadcast_to(columns[name], len(bending)) for name in PARAMETERS])
 
 
-def _masses(series: Series, weight_kg: Array, lever_m: Array, beyond: int) -> Array:
-    """Return masses (B, n + beyond) [kg]; a weight between two points is split linearly between them."""
-    n, spacing_m = series.points, series.length_m / series.points
-    masses = np.full((len(weight_kg), n + beyond), series.cable_kg / n)
-    masses[:, n - 1] = 0.5 * series.cable_kg / n + series.fitting_kg
-    masses[:, n:] = _ARM_POINT_KG
-    if beyond == 0:
-        masses[:, n - 1] += weight_kg
-        return masses
-    place = np.clip(lever_m / spacing_m, 0.0, beyond)
-    low = np.minimum(place.astype(int), beyond - 1)
-    row = np.arange(len(masses))
-    masses[row, n - 1 + low] += weight_kg * (1.0 - (place - low))
-    masses[row, n + low] += weight_kg * (place - low)
+def _masses(series: Series, weight_kg: Array) -> Array:
+    """Return masses (B, n) [kg]."""
+    masses = np.full((len(weight_kg), series.points), series.cable_kg / series.points)
+    masses[:, -1] = 0.5 * series.cable_kg / series.points + series.fitting_kg + weight_kg
     return masses
 
 
@@ -161,9 +143,3 @@ def _late(series: Series, delay_s: Array) -> Array:
     """Return hand poses (B, F, 3) delayed by `delay_s`."""
     time_s = series.time_s - delay_s[:, None]
     return np.stack([np.interp(time_s, series.time_s, series.hand_pose[:, c]) for c in range(3)], axis=2)
-
-
-def _longer(points: Array, beyond: int) -> Array:
-    """Return points 1…n and `beyond` more on the straight line through the last two."""
-    step = points[-1] - points[-2]
-    return np.vstack([points, points[-1] + np.arange(1, beyond + 1)[:, None] * step])

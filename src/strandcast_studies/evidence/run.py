@@ -10,10 +10,10 @@ from collections.abc import Callable
 from pathlib import Path
 
 from strandcast_studies.evidence import (
+    captured_weights,
     deform_dlo,
     franka_stills,
     mbest_stills,
-    pac_mass,
     pac_tip,
     pendulum_video,
     string_pendulum,
@@ -25,7 +25,7 @@ VARIABLE = "STRANDCAST_REAL_DATA"
 Measure = Callable[[Path], list[Figure]]
 PARTS: dict[str, tuple[str, Measure]] = {
     "pac_cable.tip": ("pac_cable", pac_tip.measure),
-    "pac_cable.weight": ("pac_cable", pac_mass.measure),
+    "pac_cable.weight": ("pac_cable", captured_weights.measure),
     "string_pendulum": ("string_pendulum", string_pendulum.measure),
     "pendulum_video": ("string_pendulum", pendulum_video.measure),
     "mbest_s1": ("mbest_s1", mbest_stills.measure),
