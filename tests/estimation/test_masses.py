@@ -1,4 +1,4 @@
-"""Which masses of a weight explain a recording as well, and which motions tell more."""
+"""Which masses of a weight explain a recording as well, and which motions determine more."""
 
 from dataclasses import replace
 
@@ -9,7 +9,7 @@ from strandcast.dynamics.batch import HandPath
 from strandcast.dynamics.spatial.clamps import clamp_poses
 from strandcast.estimation.cable_series import CableSeries
 from strandcast.estimation.cable_space import space_of_cable
-from strandcast.estimation.excitation import untold
+from strandcast.estimation.excitation import undetermined
 from strandcast.estimation.fit_objective import EvaluationLog, FitObjective, simulate_throw
 from strandcast.estimation.masses import RISE, with_masses
 from strandcast.estimation.uncertainty import uncertainty_of
@@ -82,8 +82,8 @@ def test_a_motion_that_hardly_moves_the_string_leaves_it_open_and_another_is_adv
     log = EvaluationLog(objective.cost)
     log(chi[None])
     known = uncertainty_of(objective, log, profiles=True)
-    left = untold(objective, log, known)
+    left = undetermined(objective, log, known)
     assert "air" in left
     assert left["air"] in ("a wider motion", "a free swing")
     wide, _, wide_log, wide_known = swung
-    assert "air" not in untold(wide, wide_log, wide_known)
+    assert "air" not in undetermined(wide, wide_log, wide_known)

@@ -95,7 +95,7 @@ def test_one_fit_of_both_knows_the_weight(captured):
     assert found["experiments"]["bare"]["weights"] == []
     assert weight["value"] * weight["plain_kg"] == pytest.approx(WEIGHT_KG, rel=0.1)
     assert weight["words"] in shown.stdout
-    # The string is the same, and clamped anew: its curl is each experiment's own.
+    # The string is the same, and clamped again: its curl is each experiment's own.
     assert {"bending_length", "damping_s", "air"} <= set(found["shared"])
     assert "curl_left_rad" in found["experiments"]["bare"]["unknowns"]
     assert "curl_left_rad" not in found["shared"]
@@ -146,10 +146,10 @@ def test_a_mass_in_words(interval, known, plain_kg, words):
 
 def test_what_a_recording_does_not_tell_is_named_with_a_motion_that_does():
     record = Estimate.model_construct(
-        untold={"air": "a faster motion", "taper": "", "damping_s": "a free swing"}
+        undetermined={"air": "a faster motion", "taper": "", "damping_s": "a free swing"}
     )
-    assert record.untold_in_words() == (
-        "these recordings do not tell air, taper, damping_s; a faster motion would tell air; "
-        "a free swing would tell damping_s"
+    assert record.undetermined_in_words() == (
+        "these recordings do not determine air, taper, damping_s; a faster motion would determine air; "
+        "a free swing would determine damping_s"
     )
-    assert Estimate.model_construct(untold={}).untold_in_words() is None
+    assert Estimate.model_construct(undetermined={}).undetermined_in_words() is None

@@ -18,7 +18,7 @@ from strandcast.estimation.cross_validation import HeldOutEvaluation, without_mo
 from strandcast.estimation.descent import GaussNewtonModel
 from strandcast.estimation.ensemble import near_samples
 from strandcast.estimation.evaluation import Array, distances, tip_error
-from strandcast.estimation.excitation import untold
+from strandcast.estimation.excitation import undetermined
 from strandcast.estimation.fit import StringFit, fit_of
 from strandcast.estimation.fit_objective import EvaluationLog, FitObjective, simulate_throw
 from strandcast.estimation.forces import kept_forces, with_forces_that_pay
@@ -174,7 +174,7 @@ def estimate(
         fit,
         roll=found.roll,
         forces=found.forces,
-        untold=untold(objective, log, uncertainty) if searches > 1 else {},
+        undetermined=undetermined(objective, log, uncertainty) if searches > 1 else {},
         paths_m=predictions,
         warnings=tuple(doubts),
     )

@@ -1,4 +1,4 @@
-"""Which other motion would tell what the recordings do not tell of a string."""
+"""Which other motion would determine what the recordings leave open of a string."""
 
 from __future__ import annotations
 
@@ -17,25 +17,25 @@ from strandcast.estimation.throws import PreparedThrow
 from strandcast.estimation.uncertainty import Uncertainty, reach_of
 
 # All chosen.
-UNTOLD, TOLD = 0.5, 0.25  # widths of an interval, of the range of the exponent; an open one tells nothing
+OPEN, CLOSED = 0.5, 0.25  # widths of an interval, of the range of the exponent
 WIDER, FASTER = 2.0, 1.6
 ASIDE, ASIDE_S, SWINGS = 0.4, 0.3, 5  # of the length, and of the period of a swing; so many of these
 STEP_S = 0.01
 
 
-def untold(objective: FitObjective, log: EvaluationLog, known: Uncertainty) -> dict[str, str]:
-    """Return the unknowns that a fit's profiles leave open, each with the motion that tells it best, or none.
+def undetermined(objective: FitObjective, log: EvaluationLog, known: Uncertainty) -> dict[str, str]:
+    """Return unknowns that a fit leaves open by its profiles, each with the motion that determines it best.
 
     By the sensitivities of the fitted string to motions that were not recorded, which are expected to be
     fitted as well as the others.
     """
     chi, value = log.best()
-    is_open = known.open_low | known.open_high | (known.high - known.low > UNTOLD)
+    is_open = known.open_low | known.open_high | (known.high - known.low > OPEN)
     left = np.flatnonzero(is_open & np.isfinite(known.low))
     found = {objective.space.names[k]: "" for k in left}
     if not len(left):
         return found
-    least = np.full(len(chi), TOLD)
+    least = np.full(len(chi), CLOSED)
     _, present = GaussNewtonModel(objective, value)(chi[None])
     for name, throw in _motions(objective):
         points_m, _ = simulate_throw(objective.model, throw, objective.space.strings(chi))
@@ -48,7 +48,7 @@ def untold(objective: FitObjective, log: EvaluationLog, known: Uncertainty) -> d
 
 
 def _motions(objective: FitObjective) -> Iterator[tuple[str, PreparedThrow]]:
-    """Yield other motions as throws of which the same points are seen: wider, a free swing, faster."""
+    """Yield other motions as throws with the same points seen: wider, a free swing, faster."""
     throw, length_m = objective.throws[-1], objective.model.length_m
     time_s, pose = throw.hand.time_s - throw.hand.time_s[0], throw.hand.pose
     if pose.shape[1] <= POSE:
@@ -66,7 +66,7 @@ def _motions(objective: FitObjective) -> Iterator[tuple[str, PreparedThrow]]:
 
 
 def _along(throw: PreparedThrow, time_s: Array, pose: Array) -> PreparedThrow:
-    """Return a throw along another path, of which the same points are seen in every frame."""
+    """Return a throw along another path, with the same points seen in every frame."""
     seen = (throw.weight > 0.0).any(axis=0).astype(float)
     return PreparedThrow(
         np.arange(len(time_s)),

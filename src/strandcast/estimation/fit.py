@@ -70,8 +70,8 @@ class StringFit:
         Reasons to doubt the estimate.
     forces
         Optional forces that were tried.
-    untold
-        See `strandcast.estimation.excitation.untold`.
+    undetermined
+        See `strandcast.estimation.excitation.undetermined`.
     roll
         Of the driven ends, see `strandcast.estimation.cable_series.ROLLS`; none in the plane.
     paths_m
@@ -111,7 +111,7 @@ class StringFit:
     warnings: tuple[str, ...]
     roll: str = ""
     forces: tuple[ForceTried, ...] = ()
-    untold: Mapping[str, str] = field(default_factory=dict)
+    undetermined: Mapping[str, str] = field(default_factory=dict)
     paths_m: Mapping[str, Array] = field(default_factory=dict)
 
 

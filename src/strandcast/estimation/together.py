@@ -83,7 +83,7 @@ def fit_together(
     """Fit a string to the trials of several experiments, by name; each counts as much as the others.
 
     Weights, and what may be negative (turns, curls, changes of length), are each experiment's own: the string
-    is clamped anew. All else is the string's.
+    is clamped again. All else is the string's.
     """
     objective = _joint(members, model, settings)
     budget, start = search_budget(objective, settings), SearchStart(None, len(objective.throws))

@@ -193,7 +193,7 @@ def _profiles(objective: FitObjective, log: EvaluationLog) -> tuple[Array, Array
 
 
 def near_range(log: EvaluationLog, rise: float = RISE) -> tuple[Array, Array]:
-    """Return the least and the greatest exponents (d,) of the strings whose E is within `rise` of the best.
+    """Return the least and the greatest exponents (d,) of strings with E within `rise` of the best.
 
     A profile follows one valley; the search has been in others, too.
     """

@@ -237,7 +237,7 @@ class Estimate(Record):
     weights: list[WeightFit]
     options: dict[str, float] = {}  # other fitted numbers, e.g. rest curl, clamp angle
     forces: list[ForceTried] = []
-    untold: dict[str, str] = {}  # of captures: unknowns that they leave open -> the motion that tells each
+    undetermined: dict[str, str] = {}  # of captures: unknowns that they leave open -> the motion that does
     frames_used: int
     window_s: list[float] | None = None  # robot time of the first and the last of them
     # In space, what was fitted of each trial; `frames_used`, `window_s` and E are of the whole newest one.
@@ -265,15 +265,15 @@ class Estimate(Record):
         """Return E on the data that `what` names; None where it is not known."""
         return next((held.E_m for held in self.held_out if held.what == what), None)
 
-    def untold_in_words(self) -> str | None:
-        """Return which unknowns the recordings do not tell, and which motions would tell them."""
-        if not self.untold:
+    def undetermined_in_words(self) -> str | None:
+        """Return which unknowns the recordings leave open, and which motions would determine them."""
+        if not self.undetermined:
             return None
-        told: dict[str, list[str]] = {}
-        for name, motion in self.untold.items():
-            told.setdefault(motion, []).append(name)
-        words = [f"{motion} would tell {', '.join(names)}" for motion, names in told.items() if motion]
-        return "; ".join([f"these recordings do not tell {', '.join(self.untold)}", *words])
+        found: dict[str, list[str]] = {}
+        for name, motion in self.undetermined.items():
+            found.setdefault(motion, []).append(name)
+        words = [f"{motion} would determine {', '.join(names)}" for motion, names in found.items() if motion]
+        return "; ".join([f"these recordings do not determine {', '.join(self.undetermined)}", *words])
 
     def fitted_in_words(self) -> str | None:
         """Return how much of the trials the fit has read; None where it has read all that E is of."""

@@ -49,7 +49,7 @@ from strandcast.stages.trials_in_space import (
 # All chosen.
 DOUBT_M = 0.003  # standard deviation of a point at which its weight in E halves
 UNSURE_WEIGHT = 0.25  # of points that the tracker flags as unsure
-CAPTURE_SEARCHES = 3  # independent ones of a capture, whose parameters are read; a throw is thrown again
+CAPTURE_SEARCHES = 3  # independent ones of a capture, with parameters that are read; a throw is thrown again
 SOURCES = ("planned", "fitted", "predicted", "string", "predicted_string")  # of simulated points
 
 

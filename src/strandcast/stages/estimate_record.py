@@ -74,7 +74,7 @@ def estimate_record(
             if k >= len(fit.space.parameter_units) + layout.count
         },
         forces=list(fit.forces),
-        untold=dict(fit.untold),
+        undetermined=dict(fit.undetermined),
         frames_used=fit.frames_used,
         window_s=list(fit.window_s),
         E_planned_m=_finite(fit.E_planned_m),

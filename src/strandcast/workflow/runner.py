@@ -255,5 +255,5 @@ def _fitted(folder: Path, trial: TrialSummary) -> list[str]:
     parts = "" if read is None else f"; the fit read {read}"
     line = f"  trial {trial.trial}: fitted to E = {1000 * trial.E_m:.1f} mm{before}{parts}"
     weights = [f"    {w.kind} at {1000 * w.place_m:.0f} mm: {w.words}" for w in estimate.weights]
-    weights += [] if (untold := estimate.untold_in_words()) is None else [f"    {untold}"]
+    weights += [] if (undetermined := estimate.undetermined_in_words()) is None else [f"    {undetermined}"]
     return [line, *weights, *(f"    warning: {warning}" for warning in estimate.warnings)]

@@ -50,8 +50,8 @@ def _finding(estimate: Estimate) -> str:
     bound = [fit.name for fit in estimate.parameters if fit.at_bound]
     wide = [fit.name for fit in estimate.parameters if _decades(fit) > 1.0]
     finding = f"At a bound: {', '.join(bound)}." if bound else "No parameter lies at a bound."
-    if (untold := estimate.untold_in_words()) is not None:
-        return f"{finding} {untold[0].upper()}{untold[1:]}."
+    if (undetermined := estimate.undetermined_in_words()) is not None:
+        return f"{finding} {undetermined[0].upper()}{undetermined[1:]}."
     if not wide:
         return f"{finding} The strings of the ensemble agree on every parameter within a factor of ten."
     names = ", ".join(wide)
