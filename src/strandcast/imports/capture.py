@@ -391,7 +391,8 @@ def _placed(
     given = {
         "far": mapping.far,
         "hand.behind": hand and hand.behind,
-        "hand.leaves": hand and hand.leaves,
+        "hand.quaternion": hand and hand.quaternion,
+        "hand.euler": hand and hand.euler,
     }
     if wrong := [field for field, value in given.items() if value]:
         what = "the arm's hand alone drives the string of a throw, in the direction that the joint log gives"
