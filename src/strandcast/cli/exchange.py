@@ -223,7 +223,7 @@ def import_track(
         lines += [f"warning: {warning}" for warning in summary.warnings]
         numbers = {"samples": summary.decoded_frames, "points": summary.points}
         found.append({"trial": number, **numbers, "warnings": summary.warnings})
-    show(as_json, {"experiment": experiment, "trials": found}, lines)
+    show(as_json, {"experiment": experiment} | (found[0] if len(found) == 1 else {"trials": found}), lines)
 
 
 def import_views(

@@ -93,23 +93,18 @@ def fisher(objective: FitObjective, chi: Array, log: EvaluationLog) -> tuple[Arr
     per_datum
         Number of measurements that count as one.
     """
-    d, space = len(chi), objective.space
-    squares, share, residual_m = sensitivity(objective, chi, log)
-    noise = float((share[:, None] * residual_m**2).sum() / max(residual_m.shape[-1] * len(share) - d, 1))
-    per_datum = correlated_count(objective, residual_m)
-    information = squares / (max(noise, 1e-12) * per_datum)
-    width = (space.bounds[:, 1] - space.bounds[:, 0]) / space.prior_sd
-    return information + np.diag(width**2), float(np.sqrt(noise)), per_datum
-
-
-def sensitivity(objective: FitObjective, chi: Array, log: EvaluationLog) -> tuple[Array, Array, Array]:
-    """Return squares (d, d) [m2] of the residuals' slopes at `chi` (d,), their shares (R,), the residuals."""
+    d = len(chi)
     step = np.where(chi > 0.5, -STEP, STEP)
     difference, weight = objective.residuals(np.vstack([chi, chi + np.diag(step)]))
-    log.count += len(chi) + 1
+    log.count += d + 1
     slope = (difference[1:] - difference[0]) / step[:, None, None]
     share = weight / weight.mean()
-    return np.einsum("r,irc,jrc->ij", share, slope, slope), share, difference[0]
+    noise = float((share[:, None] * difference[0] ** 2).sum() / max(difference.shape[-1] * len(share) - d, 1))
+    per_datum = correlated_count(objective, difference[0])
+    information = np.einsum("r,irc,jrc->ij", share, slope, slope) / (max(noise, 1e-12) * per_datum)
+    space = objective.space
+    width = (space.bounds[:, 1] - space.bounds[:, 0]) / space.prior_sd
+    return information + np.diag(width**2), float(np.sqrt(noise)), per_datum
 
 
 def correlated_count(objective: FitObjective, residual_m: Array) -> float:

@@ -71,7 +71,7 @@ def _series(
 
 
 def _throw(time_s: Array, hand_m: Array, direction: Array, markers_m: Array, places: Array) -> Throw:
-    """Return a capture in the plane of which only the points at the markers were seen."""
+    """Return a capture in the plane: only the points at the markers were seen."""
     points_m = np.full((len(time_s), POINTS + 1, 2), np.nan)
     points_m[:, 0], points_m[:, np.round(places * POINTS).astype(int)] = hand_m, markers_m
     angle = np.unwrap(np.arctan2(direction[:, 1], direction[:, 0]))
