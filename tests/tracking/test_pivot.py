@@ -62,6 +62,7 @@ def test_scale_pivot_and_path_of_a_drawn_pendulum(scene, tmp_path):
     assert np.isnan(tracked.points_m[:, 1:-1]).all()
     np.testing.assert_array_equal(tracked.points_m[:, 0], 0.0)
     assert (tracked.flags[:, 0] != 0).all()
+    assert tracked.choices["period_s"] == pytest.approx(101 / 60, rel=1e-3)
 
 
 @pytest.mark.thorough

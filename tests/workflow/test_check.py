@@ -67,6 +67,13 @@ def test_before_the_first_throw_missing_photos_are_warnings(root: Path) -> None:
     assert "SC-C030" in {code for code, _ in errors(root)}
 
 
+def test_a_string_without_target_or_recording_is_not_asked_for_photos(root: Path) -> None:
+    write(root, "data/rig/experiment.yaml", "string: {length_m: 0.3}\n")
+    found = check_experiment(root, "rig")
+    assert found.errors + found.warnings == []
+    assert "no recording yet; import one (strandcast import track)" in found.facts[0]
+
+
 def test_an_emptied_record_beside_the_raw_files_is_reported(root: Path) -> None:
     write(root, "data/rig/trial-01/motion.json")
     write(root, "data/rig/trial-01/video.mp4")

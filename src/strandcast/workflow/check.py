@@ -29,6 +29,7 @@ if TYPE_CHECKING:
 MOST_NAMED = 5  # missing trials in a message
 # A search of a few seconds, and what it should find; chosen.
 QUICK_SEARCH, LIKELY = {"screening": 240, "evaluations": 480, "ensemble": 8}, 0.5
+IMPORT = "import one (strandcast import track), or film a throw, with photos for the camera"
 LONGEST = 2.0  # times as far as the arm reaches; longer strings are likely in another unit; chosen
 RAW_RECORDS = ("motion.json", "run.json")
 LOG_FILES = (("joints.csv", "run.json"), ("run.json", "joints.csv"))
@@ -159,6 +160,9 @@ def _check_arm(context: Context, found: Checked) -> None:
     string = settings.string
     if settings.target_m is None and (captured := _supplied_track(context)) is not None:
         found.facts.append(_as_captured(context, captured))
+        return
+    if settings.target_m is None and not context.folder.thrown_trials():
+        found.facts.append(f"string of {string.length_m:g} m, no target and no recording yet; {IMPORT}")
         return
     task = task_of(context, arm)
     found.facts.append(f"string of {string.length_m:g} m as {task.model.points} points, arm {arm.name}")
@@ -296,7 +300,8 @@ def _check_photos(context: Context, found: Checked) -> None:
     [photo] = files.plane(job)
     needed = (*files.lens(job), photo, *files.background(job))
     missing = [missing_file(context, path) for path in needed if not path.is_file()]
-    (found.errors if thrown else found.warnings).extend(missing)
+    if thrown or context.settings.target_m is not None:
+        (found.errors if thrown else found.warnings).extend(missing)
     if photo.is_file():
         found.attempt(_check_calibration, Files(STAGES["calibrate"], job), photo, found)
 

@@ -14,8 +14,8 @@ HYSTERESIS = 0.5  # chosen: of the rms angle, that the swing reaches on each sid
 FEWEST_PASSAGES = 2
 
 
-def check_period(time_s: np.ndarray, angle_rad: np.ndarray, length_m: float, path: str | Path) -> None:
-    """Refuse a swing whose period contradicts its length (SC-T004); less than a period is not checked.
+def check_period(time_s: np.ndarray, angle_rad: np.ndarray, length_m: float, path: str | Path) -> float:
+    """Return a swing's period [s], NaN if it is shorter; refuse one that contradicts the length (SC-T004).
 
     Parameters
     ----------
@@ -27,13 +27,13 @@ def check_period(time_s: np.ndarray, angle_rad: np.ndarray, length_m: float, pat
     known = np.isfinite(angle_rad)
     period = period_s(time_s[known], angle_rad[known])
     if not np.isfinite(period):
-        return
+        return period
     # Second order in the amplitude (root 2 times the rms angle); 0.02 % off at 0.5 rad.
     longer = 1.0 + np.var(angle_rad[known]) / 8.0
     gravity_m_s2 = length_m * (2.0 * np.pi * longer / period) ** 2
     ratio = gravity_m_s2 / STANDARD_GRAVITY_M_S2
     if abs(ratio - 1.0) < GRAVITY_TOLERANCE:
-        return
+        return period
     expected_s = period * np.sqrt(ratio)
     raise StrandcastError(
         "SC-T004",

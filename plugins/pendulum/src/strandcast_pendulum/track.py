@@ -33,9 +33,8 @@ def track_pendulum(given: TrackerInput, settings: TrackSettings) -> Tracked:
     check_size(given.facts, camera, given.video)
     ball = track_ball(given.video, given.facts, settings.background_frames)
     tip_m = pixel_to_metre(camera, ball.centre_px, camera.string_offset_m)
-    check_period(
-        camera_times(given.facts), np.arctan2(tip_m[:, 0], -tip_m[:, 1]), string.length_m, given.video
-    )
+    time_s = camera_times(given.facts)
+    swung_s = check_period(time_s, np.arctan2(tip_m[:, 0], -tip_m[:, 1]), string.length_m, given.video)
     count = ball.decoded
     points = np.full((count, string.points + 1, 2), np.nan)
     sigma = np.full((count, string.points + 1), np.nan)
@@ -49,7 +48,7 @@ def track_pendulum(given: TrackerInput, settings: TrackSettings) -> Tracked:
     flags[:, 0] = PREDICTED
     instants = choose_instants(np.arange(count), points)
     return Tracked(
-        camera_time_s=camera_times(given.facts),
+        camera_time_s=time_s,
         points_m=points,
         sigma_m=sigma,
         flags=flags,
@@ -60,6 +59,7 @@ def track_pendulum(given: TrackerInput, settings: TrackSettings) -> Tracked:
             "background_frames": settings.background_frames,
             "ball_radius_m": ball.radius_px * camera.scale_m_per_px,
             "length_residual_m": radial_sigma_m,
+            "period_s": swung_s if np.isfinite(swung_s) else None,
             "strobe_frames": " ".join(map(str, instants)),
         },
         warnings=tuple(ball.warnings),
