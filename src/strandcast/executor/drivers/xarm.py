@@ -74,17 +74,22 @@ class XArmDriver:
     def connect(self) -> None:
         """Open both connections; nothing is sent that changes anything."""
         require_address(self._arm, self.address)
+        least = ".".join(map(str, LEAST_FIRMWARE))
         try:
             with contextlib.redirect_stdout(io.StringIO()):  # the client prints what run.json says
                 client = import_module("xarm.wrapper").XArmAPI
+                self._report = RealtimeReport(self.address)
+                # The client asks a silent controller a hundred times, which takes four minutes.
+                if not self._report.update(FRESH_S):
+                    raise ConnectionError("no report comes on port 30000")
                 self._api = client(self.address, is_radian=True, do_not_open=True, report_type="normal")
                 self._api.connect()
         except ImportError as error:
             raise missing_package(PACKAGE, "xarm", error) from None
         except Exception as error:  # the client raises no other class
-            raise self._unusable(str(error), "check address, cable and control box") from None
+            fix = f"check address, cable and control box; its firmware must be {least} or later"
+            raise self._unusable(str(error), fix) from None
         if self._api.version_number < LEAST_FIRMWARE:
-            least = ".".join(map(str, LEAST_FIRMWARE))
             raise self._unusable(
                 f"its firmware {self._firmware()} reports no time", f"update it to {least} or later"
             )
@@ -98,7 +103,6 @@ class XArmDriver:
                 fix="name the controller's joints from the base on",
             )
         self._api.set_timeout(ANSWER_S)
-        self._report = RealtimeReport(self.address)
         # The client has motors and payload from its own reports, five a second; until then, a motor is -1.
         if not wait_until(lambda: min(self._api.motor_enable_states) >= 0, FRESH_S):
             raise self._unusable("no report came on port 30001", "check the network and its firewall")
