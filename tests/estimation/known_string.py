@@ -8,8 +8,7 @@ from strandcast.dynamics.masses import mass_layout, point_masses
 from strandcast.dynamics.model import StringModel
 from strandcast.dynamics.simulate import OK, simulate_batch
 from strandcast.estimation.fit_objective import FitObjective
-from strandcast.estimation.measured import Throw
-from strandcast.estimation.throws import prepare
+from strandcast.estimation.measured import Throw, prepare
 from strandcast.estimation.unknowns import WIDENED, space_of
 
 MODEL = StringModel(length_m=0.24, points=6)

@@ -11,7 +11,7 @@ from strandcast.dynamics.model import StringModel
 from strandcast.estimation.estimate import estimate_throws
 from strandcast.estimation.evaluation import distances, tip_error
 from strandcast.estimation.fit_objective import simulate_throw
-from strandcast.estimation.throws import prepare
+from strandcast.estimation.measured import prepare
 
 from .motion_capture import throw_from_markers
 

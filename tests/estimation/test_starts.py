@@ -6,8 +6,8 @@ from scipy.interpolate import CubicSpline
 
 import strandcast
 from strandcast.dynamics.spatial.clamps import clamp_poses
-from strandcast.estimation.cable_series import CableSeries, captured_start, smoothest
-from strandcast.estimation.measured import Throw
+from strandcast.estimation.cable_series import CableSeries, smoothest
+from strandcast.estimation.measured import Throw, observed_start
 
 DOWN = np.array([0.0, 0.0, -1.0])
 
@@ -67,8 +67,9 @@ def test_a_capture_in_the_plane_starts_as_in_space():
     seen = [0, 5, 10, 15, 20]
     points_m[:, seen] = path[:, seen]
     pose = np.column_stack([place, np.full(len(time_s), -0.5 * np.pi)])
-    throw = Throw(time_s, points_m, time_s, pose, np.ones(len(time_s), dtype=bool))
-    start = captured_start(throw, np.linspace(0.0, 0.5, 21), 0.905)
+    later = slice(88, None)  # recorded in motion
+    throw = Throw(time_s[later], points_m[later], time_s, pose, np.ones(len(time_s[later]), dtype=bool))
+    start = observed_start(throw, np.linspace(0.0, 0.5, 21), 0.905)
     rate = (path[91, 1:] - path[90, 1:]) / 0.01
     np.testing.assert_allclose(start.points_m, 0.5 * (path[90, 1:] + path[91, 1:]), atol=2e-3)
     assert np.sqrt(np.mean((start.velocity_m_s - rate) ** 2)) < 0.12  # of 0.5 m/s

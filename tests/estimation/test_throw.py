@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from strandcast.errors import StrandcastError
-from strandcast.estimation.measured import Throw, complete, motion_start_s
-from strandcast.estimation.throws import prepare
+from strandcast.estimation.measured import Throw, motion_start_s, observed_start, prepare
 
 from .motion_capture import throw_from_markers
 
@@ -42,16 +41,15 @@ def test_observed_start_has_the_shape_and_the_sway(noise, tolerance):
     truth = PLACES[1:, None] * [np.cos(angle), np.sin(angle)]
     across = 0.08 * PLACES[1:, None] * [-np.sin(angle), np.cos(angle)]
     assert np.abs(prepared.start.points_m - truth).max() < tolerance
-    np.testing.assert_allclose(prepared.start.velocity_m_s, across, atol=max(1e-4, 6 * noise))
+    np.testing.assert_allclose(prepared.start.velocity_m_s, across, atol=max(1e-4, 12 * noise))
 
 
 def test_the_shape_may_begin_at_the_hand_as_seen():
     straight = prepare(swaying(), PLACES)
     throw = swaying()
     off = replace(throw, points_m=throw.points_m + np.array([0.02, -0.01]))
-    np.testing.assert_allclose(
-        prepare(off, PLACES).start.points_m - straight.start.points_m, [[0.02, -0.01]] * 10
-    )
+    moved_m = prepare(off, PLACES).start.points_m - straight.start.points_m
+    np.testing.assert_allclose(moved_m, [[0.02, -0.01]] * 10, atol=3e-4)
     again = prepare(off, PLACES, from_measured_hand=True)
     np.testing.assert_allclose(again.start.points_m, straight.start.points_m, atol=1e-12)
     np.testing.assert_array_equal(again.points_m, prepare(off, PLACES).points_m)
@@ -64,21 +62,20 @@ def test_a_string_that_moves_first_is_not_cut():
     assert np.linalg.norm(velocity[-1]) == pytest.approx(0.3, rel=0.05)
 
 
-def test_points_not_seen_lie_on_the_curve_of_the_others():
-    bend = np.array([-np.pi / 2 + 2.0 * s for s in PLACES])
-    shape = np.cumsum(np.column_stack([np.cos(bend), np.sin(bend)]) * 0.03, axis=0) - [0.0, -0.03]
+@pytest.mark.parametrize(("seen", "off_m"), [([5, 10], 3e-3), ([1, 2, 3, 5, 6, 7, 8, 9, 10], 1e-3)])
+def test_points_not_seen_lie_on_the_curve_of_the_others(seen, off_m):
+    bend = -np.pi / 2 + 2.0 * PLACES
+    shape = np.cumsum(np.column_stack([np.cos(bend), np.sin(bend)]) * 0.03, axis=0)
     shape -= shape[0]
-    time = np.array([0.0, 0.1, 0.2])
-    pose = np.tile([0.0, 0.0, -np.pi / 2], (3, 1))
-    throw = throw_from_markers(
-        time, pose, {0.15: np.tile(shape[5], (3, 1)), 0.3: np.tile(shape[10], (3, 1))}, 0.3, 10
-    )
-    assert np.isfinite(throw.points_m[:, [0, 5, 10]]).all()
-    assert np.isnan(throw.points_m[:, [1, 4, 9]]).all()
-    assert np.abs(complete(throw, PLACES, 1) - shape).max() < 3e-3
-    dense = Throw(time, np.tile(shape, (3, 1, 1)), time, pose, np.ones(3, dtype=bool))
-    dense.points_m[1, 4] = np.nan
-    assert np.abs(complete(dense, PLACES, 1) - shape).max() < 1e-4
+    time = np.arange(0.0, 0.4, 0.02)
+    pose = np.tile([0.0, 0.0, -np.pi / 2], (len(time), 1))
+    pose[:, 0] = 0.3 * time
+    markers = {PLACES[k]: shape[k] + pose[:, :2] for k in seen}
+    throw = throw_from_markers(time, pose, markers, 0.3, 10)
+    assert np.isnan(throw.points_m).any()
+    start = observed_start(throw, PLACES, 0.04)
+    assert np.abs(start.points_m - [0.3 * 0.04, 0.0] - shape[1:]).max() < off_m
+    np.testing.assert_allclose(start.velocity_m_s, [[0.3, 0.0]] * 10, atol=1e-3)
 
 
 def test_no_used_frame_is_an_error():

@@ -17,9 +17,8 @@ from strandcast.core.strings import (
 from strandcast.dynamics.masses import mass_layout
 from strandcast.estimation.estimate import estimate_throws
 from strandcast.estimation.fit_objective import simulate_throw
-from strandcast.estimation.measured import Throw
+from strandcast.estimation.measured import Throw, prepare
 from strandcast.estimation.space import DEVIATION_COSTS_M
-from strandcast.estimation.throws import prepare
 from strandcast.estimation.unknowns import prior_exponents, space_of
 
 from .known_string import (

@@ -18,7 +18,6 @@ from strandcast.dynamics.model import StringModel
 from strandcast.dynamics.parameters import GRAVITY_M_S2, Array
 from strandcast.dynamics.spatial.clamps import POSE, clamp_poses, hanging_clamp_poses
 from strandcast.estimation.fit_objective import simulate_throw
-from strandcast.estimation.measured import Throw, value_and_slope
 from strandcast.estimation.throws import PreparedThrow
 
 # All chosen.
@@ -27,6 +26,7 @@ START_S, LONGEST_START_S = 0.08, 0.5  # around a start, from which its shape and
 LONGER = 1.5  # of the time before: the next longer one
 LIKE_NOISE = 1.3  # of the markers' noise, at most, beside parabolas through all that time
 LEAST_NOISE_M = 1e-4
+INDEPENDENT_S = 0.01  # between frames whose noise is independent, also of a tracker that follows
 FOURTH = 0.6745 * 70.0**0.5  # median size of a fourth difference of noise, over its standard deviation
 FEWEST_FRAMES = 3  # of a start, also of slow cameras
 MOTION_S = 0.25  # over which markers move, so that their noise hardly counts
@@ -248,7 +248,8 @@ class CableSeries:
         A velocity from few noisy frames swings a heavy end by centimetres.
         """
         order = np.argsort(np.abs(self.time_s - self.time_s[frame]), kind="stable")
-        step_s, span_s, near = float(np.median(np.diff(self.time_s))), START_S, None
+        step_s, span_s = float(np.median(np.diff(self.time_s))), START_S
+        near = None
         while span_s <= LONGEST_START_S:
             longer = np.sort(order[: max(round(span_s / step_s) + 1, FEWEST_FRAMES)])
             if near is not None and not self._beside_parabolas_m(longer) < LIKE_NOISE * self._noise_m:
@@ -271,9 +272,11 @@ class CableSeries:
     @cached_property
     def _noise_m(self) -> float:
         """Standard deviation of a marker's coordinate, by fourth differences, which hardly see the motion."""
-        fourth = np.diff(np.where(self.reliable()[..., None], self.vertices_m, np.nan), 4, axis=0)
-        usual_m = float(np.nanmedian(np.abs(fourth))) if np.isfinite(fourth).any() else 0.0
-        return max(usual_m / FOURTH, LEAST_NOISE_M)
+        every = max(round(INDEPENDENT_S / float(np.median(np.diff(self.time_s)))), 1)
+        fourth = np.diff(self.vertices_m[::every, self._between_the_ends()], 4, axis=0)
+        fourth = fourth[np.isfinite(fourth).all(axis=2)]
+        by_axis_m = np.median(np.abs(fourth), axis=0) / FOURTH if len(fourth) else np.zeros(3)
+        return max(float(np.sqrt(np.mean(by_axis_m**2))), LEAST_NOISE_M)
 
     def _between_the_ends(self) -> np.ndarray:
         """(m,) which markers are not at a driven end."""
@@ -345,33 +348,6 @@ def smoothed(time_s: Array, path: Array) -> Array:
     return np.asarray(savgol_filter(clean, frames, 2, axis=0).reshape(path.shape))
 
 
-def captured_start(throw: Throw, places_m: Array, start_s: float) -> StringStart:
-    """Return shape and velocity at a time of a capture in the plane, as `CableSeries.start` finds them.
-
-    For `strandcast.estimation.throws.prepare`.
-    """
-    seen = np.flatnonzero(np.isfinite(throw.points_m[:, 1:, 0]).any(axis=0)) + 1
-    if not len(seen):
-        return HANGING_AT_REST
-    hand = throw.hand_at(throw.time_s)
-    directions = np.column_stack([np.cos(hand[:, 2]), np.sin(hand[:, 2])])
-    across = np.broadcast_to([0.0, 1.0, 0.0], (len(hand), 3))
-    pose = np.hstack([_upright(hand[:, :2]), _upright(directions), across])
-    places = places_m[seen] / places_m[-1]
-    series = CableSeries(throw.time_s, pose, _upright(throw.points_m[:, seen]), places)
-    frame = int(np.argmin(np.abs(throw.time_s - start_s)))
-    start = series.start(frame, len(places_m) - 1)
-    if start.settle or start.points_m is None or start.velocity_m_s is None:
-        return HANGING_AT_REST
-    shape_m, velocity_m_s = start.points_m[:, ::2], start.velocity_m_s[:, ::2]
-    return StringStart(shape_m + (start_s - throw.time_s[frame]) * velocity_m_s, velocity_m_s)
-
-
-def _upright(points: Array) -> Array:
-    """Return points (..., 2) of the plane of motion in space (..., 3)."""
-    return np.insert(points, 1, 0.0, axis=-1)
-
-
 def smoothest(places: Array, points: int, two_ends: bool) -> Array:
     """Return what a smooth string has of values at places in each of its points (n + 1, m).
 
@@ -394,3 +370,11 @@ def _extended(spline: CubicSpline, along: Array) -> Array:
     """Return a spline's values at places, along its tangents beyond its ends."""
     inside = np.clip(along, spline.x[0], spline.x[-1])
     return np.asarray(spline(inside) + (along - inside)[:, None] * spline(inside, 1))
+
+
+def value_and_slope(since_s: Array, path: Array) -> tuple[Array, Array]:
+    """Return value and slope (...) at 0 of a parabola through a path (k, ...), a line through two frames."""
+    degree = min(2, len(since_s) - 1)
+    fitted = np.polynomial.polynomial.polyfit(since_s, path.reshape(len(path), -1), degree)
+    value = fitted[0].reshape(path.shape[1:])
+    return value, fitted[1].reshape(path.shape[1:]) if degree else np.zeros_like(value)

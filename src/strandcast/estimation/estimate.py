@@ -23,7 +23,7 @@ from strandcast.estimation.fit import StringFit, fit_of
 from strandcast.estimation.fit_objective import EvaluationLog, FitObjective, simulate_throw
 from strandcast.estimation.forces import kept_forces, with_forces_that_pay
 from strandcast.estimation.masses import with_masses
-from strandcast.estimation.measured import Throw
+from strandcast.estimation.measured import Throw, parts_of_throws
 from strandcast.estimation.optimisers.optimiser import SearchStart
 from strandcast.estimation.search import (
     CROSS_VALIDATION_SHARE,
@@ -33,7 +33,7 @@ from strandcast.estimation.search import (
     search_in_wide_enough_ranges,
 )
 from strandcast.estimation.space import Space
-from strandcast.estimation.throws import PreparedThrow, TrialParts, parts_of_throws
+from strandcast.estimation.throws import PreparedThrow, TrialParts
 from strandcast.estimation.uncertainty import RISE, uncertainty_of
 from strandcast.estimation.unknowns import forces_of, space_of
 from strandcast.records.estimate import TIP_UNDER_PREVIOUS, UNDER_PREVIOUS, ForceTried

@@ -1,20 +1,20 @@
-"""One measured throw as arrays: when it starts, and with which shape and velocity of the string."""
+"""One measured throw as arrays: when and how the string starts, and what a fit takes of it."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 
-from strandcast.dynamics.batch import HANGING_AT_REST, StringStart
+from strandcast.config.estimate import EstimateSettings
+from strandcast.dynamics.batch import HANGING_AT_REST, HandPath, StringStart
+from strandcast.errors import FAILED_TRIALS, StrandcastError
+from strandcast.estimation.cable_series import CableSeries
 from strandcast.estimation.evaluation import Array
+from strandcast.estimation.throws import PreparedThrow, TrialParts
 
 # All chosen.
 HAND_MOVED_M, HAND_TURNED_RAD, POINT_MOVED_M = 0.002, 0.01, 0.008
 LEAD_S = 0.03
-REST_WINDOW_S = 0.06
-MOVING_WINDOW_S = 0.012
-MOVING_FRAMES = 4
 REST_FRAMES = 4
 
 
@@ -76,75 +76,91 @@ def motion_start_s(throw: Throw) -> float:
     return float(max(earliest, (min(starts) if starts else earliest) - LEAD_S))
 
 
+def parts_of_throws(throws: Sequence[Throw], places_m: Array, settings: EstimateSettings) -> TrialParts:
+    """Return throws in the plane, the newest last, as the fit takes them; see `prepare`."""
+    shifted = settings.camera_offset_sd_m is not None
+    kept = throws[-1:] if settings.trials == "latest" else throws
+    prepared = [prepare(throw, places_m, settings.start_shape, from_measured_hand=shifted) for throw in kept]
+    if "marker_shift" in settings.forces:
+        places = places_m[1:] / places_m[-1]
+        prepared = [replace(throw, places=places) for throw in prepared]
+    trial = np.arange(len(throws) - len(kept), len(throws))
+    return TrialParts(tuple(throw.fitted() for throw in prepared), trial, len(throws), tuple(prepared))
+
+
+def prepare(
+    throw: Throw,
+    places_m: Array,
+    start_shape: str = "observed",
+    *,
+    from_measured_hand: bool = False,
+) -> PreparedThrow:
+    """Cut a throw to its motion and find how the string started.
+
+    Parameters
+    ----------
+    throw
+        The measured throw.
+    places_m
+        (n+1,) places of the points along the string [m].
+    start_shape
+        ``observed``, from the frames around the start; ``hanging``: at rest under gravity.
+    from_measured_hand
+        The observed shape begins at the hand as the camera measures it, not as the robot reports it: for an
+        unknown offset between them.
+
+    Raises
+    ------
+    StrandcastError
+        SC-E002 no used frame lies within the hand's path.
+    """
+    first = max(int(np.searchsorted(throw.hand_time_s, motion_start_s(throw) + 1e-9, side="right")) - 1, 0)
+    start_s = throw.hand_time_s[first]
+    inside = (throw.time_s >= start_s - 1e-9) & (throw.time_s <= throw.hand_time_s[-1] + 1e-9)
+    frames = np.flatnonzero(inside)
+    weight = _weights(throw)[frames]
+    if not weight.any():
+        raise StrandcastError(
+            "SC-E002",
+            "no frame with a point of the string lies within the logged path of the hand",
+            exit_code=FAILED_TRIALS,
+        )
+    start = HANGING_AT_REST
+    if start_shape == "observed":
+        placed = moved_to_hand(throw) if from_measured_hand else throw
+        start = observed_start(placed, places_m, float(start_s))
+    hand = HandPath(throw.hand_time_s[first:], throw.hand_pose[first:])
+    return PreparedThrow(frames, throw.time_s[frames], throw.points_m[frames], weight, hand, start)
+
+
+def _weights(throw: Throw) -> Array:
+    """(F, n) weights of the free points: confidence where used and measured, else 0."""
+    confidence = np.ones(throw.points_m.shape[:2]) if throw.confidence is None else throw.confidence
+    measured = ~np.isnan(throw.points_m).any(axis=2)
+    return np.asarray(np.where(measured & throw.used[:, None], np.nan_to_num(confidence), 0.0)[:, 1:])
+
+
 def observed_start(throw: Throw, places_m: Array, start_s: float) -> StringStart:
-    """Shape and velocity of the string at `start_s`, from the frames around it.
-
-    With frames of rest before the start, their mean and one common rate of turning about the hand (sway);
-    without, a parabola in time through the first frames of each point. Hanging at rest if the string is in no
-    frame.
-    """
-    measured = ~np.isnan(throw.points_m[:, 1:, 0]).all(axis=1)
-    before = np.flatnonzero(
-        measured & (throw.time_s >= start_s - REST_WINDOW_S) & (throw.time_s <= start_s + 0.5 * LEAD_S)
-    )
-    resting = len(before) >= REST_FRAMES and throw.time_s[before[0]] < start_s - 0.25 * REST_WINDOW_S
-    resting |= len(before) >= REST_FRAMES and motion_start_s(throw) > throw.time_s[before[0]]
-    if not resting:
-        later = np.flatnonzero(measured & (throw.time_s >= start_s - 1e-9))
-        before = later[: max(MOVING_FRAMES, int(np.sum(throw.time_s[later] <= start_s + MOVING_WINDOW_S)))]
-    if len(before) == 0:
+    """Return shape and velocity of the string at `start_s`, as `CableSeries.start` finds them."""
+    seen = np.flatnonzero(np.isfinite(throw.points_m[:, 1:, 0]).any(axis=0)) + 1
+    if not len(seen):
         return HANGING_AT_REST
-    shapes = np.array([complete(throw, places_m, int(k)) for k in before])
-    after_s = throw.time_s[before] - start_s
-    return StringStart(*(_resting if resting else _moving)(shapes, after_s))
+    hand = throw.hand_at(throw.time_s)
+    directions = np.column_stack([np.cos(hand[:, 2]), np.sin(hand[:, 2])])
+    across = np.broadcast_to([0.0, 1.0, 0.0], (len(hand), 3))
+    pose = np.hstack([_upright(hand[:, :2]), _upright(directions), across])
+    places = places_m[seen] / places_m[-1]
+    series = CableSeries(throw.time_s, pose, _upright(throw.points_m[:, seen]), places)
+    frame = int(np.argmin(np.abs(throw.time_s - start_s)))
+    if frame >= REST_FRAMES:  # nothing moves until then
+        series = series.part(0, int(np.searchsorted(throw.time_s, start_s + 0.5 * LEAD_S)))
+    start = series.start(frame, len(places_m) - 1)
+    if start.settle or start.points_m is None or start.velocity_m_s is None:
+        return HANGING_AT_REST
+    shape_m, velocity_m_s = start.points_m[:, ::2], start.velocity_m_s[:, ::2]
+    return StringStart(shape_m + (start_s - throw.time_s[frame]) * velocity_m_s, velocity_m_s)
 
 
-def complete(throw: Throw, places_m: Array, frame: int) -> Array:
-    """Return the shape in one frame with missing points interpolated along the string: (n+1, 2) [m].
-
-    A spline through the measured points; if there are few, it starts at the hand's path in the clamp's
-    direction.
-    """
-    points = throw.points_m[frame].copy()
-    hand = throw.hand_at(throw.time_s[frame])
-    if np.isnan(points[0, 0]):
-        points[0] = hand[:2]
-    known = ~np.isnan(points[:, 0])
-    if known.all():
-        return np.asarray(points)
-    clamp = np.array([np.cos(hand[2]), np.sin(hand[2])])
-    if known.sum() < 2:
-        return np.asarray(points[0] + (places_m[:, None] - places_m[0]) * clamp)
-    straight: tuple[Literal[1, 2], Array] = (2, np.zeros(2))
-    first: tuple[Literal[1, 2], Array] = (1, clamp) if known.sum() <= len(points) // 2 else straight
-    spline = CubicSpline(places_m[known], points[known], bc_type=(first, straight))
-    points[~known] = spline(places_m[~known])
-    return np.asarray(points)
-
-
-def _resting(shapes: Array, after_s: Array) -> tuple[Array, Array]:
-    """Return the mean shape and velocities of the rigid turning about the hand that explains its change."""
-    mean, middle_s = shapes.mean(axis=0), after_s.mean()
-    arm = mean - mean[0]
-    across = np.column_stack([-arm[:, 1], arm[:, 0]])
-    moved = shapes - mean
-    lever = (arm**2).sum()
-    spread = ((after_s - middle_s) ** 2).sum()
-    turned = np.einsum("knc,nc->k", moved - moved[:, :1], across) / lever
-    rate = float(turned @ (after_s - middle_s) / spread) if spread > 0 else 0.0
-    start = mean - rate * middle_s * across
-    return start[1:], rate * across[1:]
-
-
-def _moving(shapes: Array, after_s: Array) -> tuple[Array, Array]:
-    """Return value and slope at the start of a parabola in time through each point."""
-    shape, slope = value_and_slope(after_s, shapes)
-    return shape[1:], slope[1:]
-
-
-def value_and_slope(since_s: Array, path: Array) -> tuple[Array, Array]:
-    """Return value and slope (...) at 0 of a parabola through a path (k, ...), a line through two frames."""
-    degree = min(2, len(since_s) - 1)
-    fitted = np.polynomial.polynomial.polyfit(since_s, path.reshape(len(path), -1), degree)
-    value = fitted[0].reshape(path.shape[1:])
-    return value, fitted[1].reshape(path.shape[1:]) if degree else np.zeros_like(value)
+def _upright(points: Array) -> Array:
+    """Return points (..., 2) of the plane of motion in space (..., 3)."""
+    return np.insert(points, 1, 0.0, axis=-1)

@@ -1,19 +1,15 @@
-"""A measured throw, cut to the part that is simulated."""
+"""Measured throws, cut to the part that is simulated."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from strandcast.config.estimate import EstimateSettings
 from strandcast.dynamics.batch import HANGING_AT_REST, HandPath, StringStart
-from strandcast.errors import FAILED_TRIALS, StrandcastError
 from strandcast.estimation.evaluation import Array
-from strandcast.estimation.measured import Throw, motion_start_s, moved_to_hand, observed_start
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,81 +114,3 @@ class TrialParts(NamedTuple):
         """Return the shares (P,) in E, by the weight of a trial relative to the next one."""
         weights = older_trials_weight ** (self.trials - 1 - self.trial)
         return np.asarray(weights / weights.sum())
-
-
-StartOf = Callable[[Throw, Array, float], StringStart]
-
-
-def parts_of_throws(
-    throws: Sequence[Throw],
-    places_m: Array,
-    settings: EstimateSettings,
-    start_of: StartOf = observed_start,
-) -> TrialParts:
-    """Return throws in the plane, the newest last, as the fit takes them; see `prepare`."""
-    shifted = settings.camera_offset_sd_m is not None
-    kept = throws[-1:] if settings.trials == "latest" else throws
-    prepared = [
-        prepare(throw, places_m, settings.start_shape, start_of, from_measured_hand=shifted) for throw in kept
-    ]
-    if "marker_shift" in settings.forces:
-        places = places_m[1:] / places_m[-1]
-        prepared = [replace(throw, places=places) for throw in prepared]
-    trial = np.arange(len(throws) - len(kept), len(throws))
-    return TrialParts(tuple(throw.fitted() for throw in prepared), trial, len(throws), tuple(prepared))
-
-
-def prepare(
-    throw: Throw,
-    places_m: Array,
-    start_shape: str = "observed",
-    start_of: StartOf = observed_start,
-    *,
-    from_measured_hand: bool = False,
-) -> PreparedThrow:
-    """Cut a throw to its motion and find how the string started.
-
-    Parameters
-    ----------
-    throw
-        The measured throw.
-    places_m
-        (n+1,) places of the points along the string [m].
-    start_shape
-        ``observed``: the directions of the string in the frames before the motion, and its sway; ``hanging``:
-        at rest under gravity.
-    start_of
-        Finds the observed shape and velocity; `cable_series.captured_start` of captures.
-    from_measured_hand
-        The observed shape begins at the hand as the camera measures it, not as the robot reports it: for an
-        unknown offset between them.
-
-    Raises
-    ------
-    StrandcastError
-        SC-E002 no used frame lies within the hand's path.
-    """
-    first = max(int(np.searchsorted(throw.hand_time_s, motion_start_s(throw) + 1e-9, side="right")) - 1, 0)
-    start_s = throw.hand_time_s[first]
-    inside = (throw.time_s >= start_s - 1e-9) & (throw.time_s <= throw.hand_time_s[-1] + 1e-9)
-    frames = np.flatnonzero(inside)
-    weight = _weights(throw)[frames]
-    if not weight.any():
-        raise StrandcastError(
-            "SC-E002",
-            "no frame with a point of the string lies within the logged path of the hand",
-            exit_code=FAILED_TRIALS,
-        )
-    start = HANGING_AT_REST
-    if start_shape == "observed":
-        placed = moved_to_hand(throw) if from_measured_hand else throw
-        start = start_of(placed, places_m, float(start_s))
-    hand = HandPath(throw.hand_time_s[first:], throw.hand_pose[first:])
-    return PreparedThrow(frames, throw.time_s[frames], throw.points_m[frames], weight, hand, start)
-
-
-def _weights(throw: Throw) -> Array:
-    """(F, n) weights of the free points: confidence where used and measured, else 0."""
-    confidence = np.ones(throw.points_m.shape[:2]) if throw.confidence is None else throw.confidence
-    measured = ~np.isnan(throw.points_m).any(axis=2)
-    return np.asarray(np.where(measured & throw.used[:, None], np.nan_to_num(confidence), 0.0)[:, 1:])

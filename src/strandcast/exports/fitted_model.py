@@ -11,12 +11,12 @@ from strandcast.arm.load import load_arm
 from strandcast.core.strings import CAMERA_OFFSET
 from strandcast.dynamics.batch import HANGING_AT_REST, HandPath
 from strandcast.dynamics.simulate import simulate_batch
-from strandcast.estimation.throws import prepare
+from strandcast.estimation.measured import prepare
 from strandcast.exports.mjcf import STRING_KG, arm_with_string, in_mujoco
 from strandcast.exports.mjcf_error import error_in_mujoco
 from strandcast.records.files import write_bytes
 from strandcast.stages.declarations import STAGES
-from strandcast.stages.estimate import start_of, throw_of
+from strandcast.stages.estimate import throw_of
 from strandcast.stages.job import Files, Job
 from strandcast.stages.past_trials import read_members, read_trial, string_model
 
@@ -48,7 +48,6 @@ def export_mjcf(trial: TrialView, out: Path, total_kg: float = STRING_KG) -> Exp
         throw_of(measured, settings),
         model.places_m(),
         settings.start_shape,
-        start_of(context),
         from_measured_hand=shifted,
     )
     start_m = simulate_batch(model, string, throw.hand, throw.hand.time_s[:1], throw.start)[0][0, 0]

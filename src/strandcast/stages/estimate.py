@@ -11,18 +11,17 @@ from strandcast.core.strings import StringBatch
 from strandcast.dynamics.masses import MassLayout
 from strandcast.dynamics.model import StringModel
 from strandcast.errors import StrandcastError
-from strandcast.estimation.cable_series import captured_start
 from strandcast.estimation.estimate import estimate
-from strandcast.estimation.measured import Throw, observed_start
+from strandcast.estimation.measured import Throw, parts_of_throws
 from strandcast.estimation.space import Space
-from strandcast.estimation.throws import StartOf, TrialParts, parts_of_throws
+from strandcast.estimation.throws import TrialParts
 from strandcast.estimation.unknowns import forces_of, space_of
 from strandcast.records.estimate import ENSEMBLE, SIMULATED, Estimate
 from strandcast.records.motion import Motion
 from strandcast.records.tables import read_arrow, read_facts, write_table
 from strandcast.records.track import TRACK, UNSURE, TrackSummary, is_in_space
 from strandcast.seeds import rng
-from strandcast.stages.context import Context, refuse_settings_of_others
+from strandcast.stages.context import refuse_settings_of_others
 from strandcast.stages.estimate_record import ensemble_table, estimate_record, points_table, servo_record
 from strandcast.stages.files import past, recent
 from strandcast.stages.job import Files, Job
@@ -132,7 +131,7 @@ def _in_plane(files: Files, trials: list[Trial]) -> Fitted:
         )
     thrown = context.settings.target_m is not None
     throws = [throw_of(trial, settings) for trial in trials]
-    parts = parts_of_throws(throws, model.places_m(), settings, start_of(context))
+    parts = parts_of_throws(throws, model.places_m(), settings)
     known = {
         "planned": _planned(newest.motion, layout),
         "references": not thrown,
@@ -165,11 +164,6 @@ def throw_of(trial: Trial, settings: EstimateSettings) -> Throw:
     confidence = np.where((track.flags & UNSURE) > 0, UNSURE_WEIGHT * confidence, confidence)
     used = trial.frame_time_s <= until_s(trial, settings)
     return Throw(trial.frame_time_s, track.detected_m(), trial.hand_time_s, trial.hand_pose, used, confidence)
-
-
-def start_of(context: Context) -> StartOf:
-    """Return how the start of a trial in the plane is found: of an arm's throw, or of a capture."""
-    return captured_start if context.settings.target_m is None else observed_start
 
 
 def _planned(motion: Motion | None, layout: MassLayout) -> StringBatch | None:

@@ -13,14 +13,15 @@ from strandcast.errors import StrandcastError
 from strandcast.estimation.cable_space import CableSpace
 from strandcast.estimation.evaluation import distances, evaluation_of_points, point_values, tip_error
 from strandcast.estimation.fit_objective import simulate_throw
-from strandcast.estimation.throws import PreparedThrow, parts_of_throws
+from strandcast.estimation.measured import parts_of_throws
+from strandcast.estimation.throws import PreparedThrow
 from strandcast.records.content_hash import result_sha256
 from strandcast.records.estimate import ENSEMBLE, SIMULATED, Estimate
 from strandcast.records.tables import read_arrow, read_facts, write_table
 from strandcast.records.track import TRACK, Track, is_in_space
 from strandcast.stages.context import context_of
 from strandcast.stages.declarations import STAGES
-from strandcast.stages.estimate import start_of, throw_of
+from strandcast.stages.estimate import throw_of
 from strandcast.stages.estimate_record import points_table
 from strandcast.stages.files import supplied
 from strandcast.stages.job import Files, Job
@@ -118,7 +119,7 @@ def _in_plane(files: Files, estimate: Estimate, _: Path) -> Read:
     if (estimate.length_m, estimate.points) != (model.length_m, model.points):
         fitted = f"the estimate is of a string of {estimate.length_m:g} m as {estimate.points} points"
         raise _other_string(files, f"{fitted}, and not of {model.length_m:g} m as {model.points}")
-    throw = parts_of_throws([throw_of(trial, settings)], model.places_m(), settings, start_of(context)).newest
+    throw = parts_of_throws([throw_of(trial, settings)], model.places_m(), settings).newest
     return model, throw, trial.track, layout.stiff_joints()
 
 

@@ -19,13 +19,13 @@ from strandcast.config.estimate import EstimateSettings
 from strandcast.dynamics.masses import mass_layout
 from strandcast.dynamics.model import StringModel
 from strandcast.dynamics.parameters import GRAVITY_M_S2, Array
-from strandcast.estimation.cable_series import DrivenEnd, captured_start, series_between
+from strandcast.estimation.cable_series import DrivenEnd, series_between
 from strandcast.estimation.cable_space import space_of_cable
 from strandcast.estimation.estimate import estimate
 from strandcast.estimation.fit import StringFit
-from strandcast.estimation.measured import Throw
+from strandcast.estimation.measured import Throw, parts_of_throws
 from strandcast.estimation.space import Space
-from strandcast.estimation.throws import TrialParts, parts_of_throws
+from strandcast.estimation.throws import TrialParts
 from strandcast.estimation.unknowns import forces_of, space_of
 from strandcast.estimation.windows import parts_by_roll
 from strandcast.stages.estimate import CAPTURE_SEARCHES
@@ -55,7 +55,7 @@ def fitted(
     else:
         model, layout = StringModel(length_m, POINTS), mass_layout(length_m, POINTS, [weight_m], [])
         throws = [_throw(*each, places) for each in recordings]
-        parts = {"": parts_of_throws(throws, model.places_m(), settings, captured_start)}
+        parts = {"": parts_of_throws(throws, model.places_m(), settings)}
         space = space_of(settings, layout, thrown=False)
     tried = forces_of("auto", in_plane=not in_space, thrown=False)[1]
     random = np.random.default_rng(seed)

@@ -22,7 +22,7 @@ from strandcast.estimation.estimate import estimate_throws
 from strandcast.estimation.evaluation import evaluation_value
 from strandcast.estimation.fit import StringFit
 from strandcast.estimation.fit_objective import simulate_throw
-from strandcast.estimation.throws import prepare
+from strandcast.estimation.measured import prepare
 from strandcast.lab.strings import PAPER_STRINGS, PhysicalString
 from strandcast_studies.evidence.figure import Figure
 from strandcast_studies.evidence.lab_throws import Specimen, light, rethrown, specimen

@@ -19,9 +19,9 @@ import numpy as np
 
 from strandcast.config.estimate import EstimateSettings
 from strandcast.estimation.fit_objective import FitObjective, simulate_throw
+from strandcast.estimation.measured import prepare
 from strandcast.estimation.optimisers.optimiser import SearchStart
 from strandcast.estimation.search import search
-from strandcast.estimation.throws import prepare
 from strandcast.estimation.uncertainty import uncertainty_of
 from strandcast.estimation.unknowns import space_of
 from strandcast.lab.strings import PAPER_STRINGS

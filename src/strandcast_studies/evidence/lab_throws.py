@@ -17,8 +17,7 @@ from strandcast.dynamics.masses import MassLayout, mass_layout, point_masses, po
 from strandcast.dynamics.model import StringModel
 from strandcast.dynamics.parameters import Array, ensemble
 from strandcast.estimation.fit_objective import simulate_throw
-from strandcast.estimation.measured import Throw
-from strandcast.estimation.throws import prepare
+from strandcast.estimation.measured import Throw, prepare
 from strandcast.lab.strings import PhysicalString
 from strandcast.lab.swing import simulate_swing
 from strandcast.lab.tracked_points import points_at

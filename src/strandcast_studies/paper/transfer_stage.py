@@ -9,7 +9,8 @@ from strandcast.core.strings import StringBatch
 from strandcast.dynamics.model import StringModel
 from strandcast.estimation.evaluation import evaluation_value
 from strandcast.estimation.fit_objective import simulate_throw
-from strandcast.estimation.throws import PreparedThrow, prepare
+from strandcast.estimation.measured import prepare
+from strandcast.estimation.throws import PreparedThrow
 from strandcast.records.content_hash import result_sha256
 from strandcast.stages.context import Context, context_of
 from strandcast.stages.estimate import throw_of
