@@ -9,9 +9,8 @@ import numpy as np
 from strandcast.errors import StrandcastError
 from strandcast.records.record import ARM_FILE, RigFault
 from strandcast.records.track import Track
-from strandcast.report.measures import Array
 from strandcast.report.numbers import millimetres, milliseconds, percent, place, scaled, significant
-from strandcast.report.results import TrialResults
+from strandcast.report.results import Array, TrialResults
 
 # Chosen so that no good throw of the lab's seven strings is accused; the lab's faults are far beyond.
 LEAST_SLIP_M = 0.005  # good throws rise by up to 2 mm: the clamp holds the string beside its centre line

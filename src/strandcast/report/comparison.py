@@ -182,16 +182,13 @@ def parameters_of(trial: TrialRecords) -> dict[str, tuple[str, Value]]:
     if estimate is None:
         return {}
     known = estimate.uncertainty
-    sigmas: dict[str, tuple[float, bool]] = {}
-    if known is not None:
-        sigmas = dict(zip(known.unknowns, zip(known.marginal_sd, known.in_decades, strict=True), strict=True))
+    sigmas = {} if known is None else dict(zip(known.unknowns, known.marginal_sd, strict=True))
     found = {}
     for fit in estimate.parameters:
-        sigma, _ = sigmas.get(fit.name, (None, True))
         decades = math.log10(fit.value) if fit.value > 0.0 else None
-        found[fit.name] = (f"{LOG_UNIT}{fit.unit}".rstrip(), Value(decades, sigma))
+        found[fit.name] = (f"{LOG_UNIT}{fit.unit}".rstrip(), Value(decades, sigmas.get(fit.name)))
     for name, value in estimate.options.items():
-        found[name] = ("", Value(value, sigmas.get(name, (None, False))[0]))
+        found[name] = ("", Value(value, sigmas.get(name)))
     return found
 
 

@@ -7,9 +7,8 @@ from strandcast.core.closest_approach import nearest_of_bar
 from strandcast.errors import StrandcastError
 from strandcast.records.estimate import CARRIED, HANGING, Estimate
 from strandcast.records.verdict import Verdict
-from strandcast.report.results import FILES, HandPoses, SimulatedThrow, TrialResults
+from strandcast.report.results import FILES, Array, HandPoses, SimulatedThrow, TrialResults
 
-Array = NDArray[np.float64]
 GUESSES = (HANGING, CARRIED)  # made without a model
 
 
@@ -138,6 +137,13 @@ def fitted_rows(results: TrialResults) -> NDArray[np.bool_]:
 def best_guess_m(estimate: Estimate) -> float | None:
     """Return the lower E of the guesses without a model; None if there is none."""
     return min((each for what in GUESSES if (each := estimate.held_out_m(what)) is not None), default=None)
+
+
+def runs(flags: NDArray[np.bool_]) -> list[tuple[int, int]]:
+    """Return first and last index of each run of true flags (K,)."""
+    edges = np.diff(np.concatenate([[False], flags, [False]]).astype(int))
+    starts, ends = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1) - 1
+    return list(zip(starts.tolist(), ends.tolist(), strict=True))
 
 
 def rms(values: Array) -> float:

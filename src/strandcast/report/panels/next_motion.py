@@ -5,7 +5,6 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from strandcast.errors import StrandcastError
 from strandcast.records.motion import Motion, Prediction
@@ -23,8 +22,6 @@ from strandcast.report.numbers import (
 )
 from strandcast.report.panels.content import PanelContent, Table
 from strandcast.report.panels.page_data import ExperimentPageData, TrialPageData
-
-Array = NDArray[np.float64]
 
 
 def next_motion(page: TrialPageData | ExperimentPageData) -> PanelContent:

@@ -19,9 +19,8 @@ from strandcast.report.panels.content import PanelContent
 from strandcast.report.panels.next_motion import draw_aims, expectation
 from strandcast.report.panels.page_data import TrialPageData
 from strandcast.report.panels.tip_path import draw_target, mark_closest
-from strandcast.report.results import FILES, TrialResults
+from strandcast.report.results import FILES, Array, TrialResults
 
-Array = NDArray[np.float64]
 AFTER_HIT_S = 0.1  # drawn after the closest approach; chosen
 ROOM = 1.5  # of the view of the target around the misses; chosen
 LOW, HIGH = 0.1, 0.9  # quantiles that bound four of five throws

@@ -14,9 +14,7 @@ from strandcast.report.numbers import millimetres
 from strandcast.report.pages import render
 from strandcast.report.panels.content import PanelContent
 from strandcast.report.panels.page_data import TrialPageData
-from strandcast.report.results import SimulatedThrow, TrialResults
-
-Array = NDArray[np.float64]
+from strandcast.report.results import Array, SimulatedThrow, TrialResults
 
 INSTANTS = 7  # of a string that moves through space; more would hide each other
 MOST_FRAMES = 240  # of the view that can be turned: its page stays below a megabyte

@@ -3,7 +3,6 @@
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from strandcast.errors import StrandcastError
 from strandcast.report import drawing as draw
@@ -12,9 +11,7 @@ from strandcast.report.numbers import millimetres, place
 from strandcast.report.panels.content import PanelContent, Table
 from strandcast.report.panels.page_data import TrialPageData
 from strandcast.report.panels.tip_path import draw_target
-from strandcast.report.results import TrialResults
-
-Array = NDArray[np.float64]
+from strandcast.report.results import Array, TrialResults
 
 
 def strobe(page: TrialPageData) -> PanelContent:

@@ -6,7 +6,6 @@ import io
 import cv2
 import numpy as np
 from markupsafe import Markup, escape
-from numpy.typing import NDArray
 from PIL import Image
 
 from strandcast.errors import StrandcastError
@@ -15,9 +14,8 @@ from strandcast.records.verdict import Verdict
 from strandcast.report.numbers import millimetres, place
 from strandcast.report.panels.content import PanelContent
 from strandcast.report.panels.page_data import TrialPageData
-from strandcast.report.results import FILES, TrialResults
+from strandcast.report.results import FILES, Array, TrialResults
 
-Array = NDArray[np.float64]
 LARGEST_BYTES = 1_500_000
 CAPTURE_CAPTION = (
     "Dashed: the fitted string at the instants of the picture, with the measured points as small rings."

@@ -10,15 +10,14 @@ from numpy.typing import NDArray
 
 from strandcast.records.camera import Camera
 from strandcast.records.clip import PLAYED_HZ, Clip
-from strandcast.report.measures import fitted_rows
+from strandcast.report.measures import fitted_rows, runs
 from strandcast.report.numbers import millimetres, milliseconds
 from strandcast.report.pages import render
 from strandcast.report.panels.content import PanelContent
 from strandcast.report.panels.page_data import TrialPageData
 from strandcast.report.panels.strobe_picture import path_of, project_px, rim_m
-from strandcast.report.results import TrialResults
+from strandcast.report.results import Array, TrialResults
 
-Array = NDArray[np.float64]
 Whole = NDArray[np.int64]
 
 SLOWER = 20  # than the throw, while the film plays
@@ -53,6 +52,10 @@ class Film:
             return None
         return int(np.searchsorted(self.frame, frame, side="right")) - 1
 
+    def flagged_runs(self) -> list[tuple[int, int]]:
+        """Return first and last place of each run of frames with a flagged point of the string."""
+        return runs(self.flagged[:, 1:].any(axis=1))
+
     def worst(self) -> int | None:
         """Return the place of the frame with the largest error, among those of the fit."""
         counted_m = np.where(self.counts, self.error_m, np.nan)
@@ -76,7 +79,7 @@ def viewer(page: TrialPageData) -> PanelContent:
     clip, verdict = results.need("clip"), results.need("verdict")
     film, camera = film_of(results, clip), results.need("camera")
     closest, miss = film.at(verdict.closest_frame), millimetres(verdict.miss_m)
-    finding = _finding(film, closest, miss, film.worst(), len(flagged_runs(film.flagged)))
+    finding = _finding(film, closest, miss, film.worst(), len(film.flagged_runs()))
     rim = path_of(clip_px(camera, clip, rim_m(verdict))) if results.aimed() else None
     return PanelContent(
         finding,
@@ -101,7 +104,6 @@ def viewer_markup(
     `rim` is the target's, `closest` the place of the closest approach in the film.
     """
     measured_px, fitted_px = (clip_px(camera, clip, each) for each in (film.measured_m, film.fitted_m))
-    worst, runs = film.worst(), flagged_runs(film.flagged)
     highest_m = max(0.2, *np.nan_to_num([film.to_target_m, film.error_m]).ravel())
     markup = render(
         "viewer.html.jinja",
@@ -118,9 +120,9 @@ def viewer_markup(
         rim=rim,
         since=since,
         closest=closest,
-        worst=worst,
+        worst=film.worst(),
         is_fitted=bool(np.isfinite(film.fitted_m).any()),
-        runs=runs[:MOST_RUNS],
+        runs=film.flagged_runs()[:MOST_RUNS],
         plot=PLOT,
         lines={"track": _line(film.to_target_m, highest_m), "model": _line(film.error_m, highest_m)},
         decades={mm: float(_height(np.array(1e-3 * mm), highest_m)) for mm in DECADES_MM},
@@ -161,13 +163,6 @@ def film_of(results: TrialResults, clip: Clip) -> Film:
     if results.aimed():
         to_target_m = np.linalg.norm(measured_m[:, -1] - np.array(results.need("verdict").target_m), axis=1)
     return Film(frame, measured_m, flagged, fitted_m, to_target_m, error_m, since_s, counts)
-
-
-def flagged_runs(flagged: NDArray[np.bool_]) -> list[tuple[int, int]]:
-    """Return first and last index of each run of frames with a flagged point of the string (K, n + 1)."""
-    edges = np.diff(np.concatenate([[False], flagged[:, 1:].any(axis=1), [False]]).astype(int))
-    starts, ends = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1) - 1
-    return list(zip(starts.tolist(), ends.tolist(), strict=True))
 
 
 def clip_px(camera: Camera, clip: Clip, places_m: Array) -> Array:
