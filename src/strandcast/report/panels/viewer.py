@@ -113,10 +113,10 @@ def viewer_markup(
         played_hz=PLAYED_HZ,
         play_rate=clip.rate_hz / (SLOWER * clip.step * PLAYED_HZ),
         slower=SLOWER,
-        measured=_base64(_stepped(measured_px)),
-        fitted=_base64(_stepped(fitted_px)),
-        flagged=_base64(film.flagged.astype("u1")),
-        numbers=_base64(_numbers(film)),
+        measured=whole_steps(STEPS_PER_PX * measured_px),
+        fitted=whole_steps(STEPS_PER_PX * fitted_px),
+        flagged=in_base64(film.flagged.astype("u1")),
+        numbers=in_base64(_numbers(film)),
         rim=rim,
         since=since,
         closest=closest,
@@ -137,11 +137,7 @@ def film_of(results: TrialResults, clip: Clip) -> Film:
     track, throw = results.need("track"), (results.get("simulated") or {}).get("fitted")
     frame = clip.first_frame + clip.step * np.arange(clip.frames)
     shape = (len(frame), *track.points_m.shape[1:])
-    measured_m, fitted_m, since_s = (
-        np.full(shape, np.nan),
-        np.full(shape, np.nan),
-        np.full(len(frame), np.nan),
-    )
+    measured_m, fitted_m, since_s = (np.full(size, np.nan) for size in (shape, shape, len(frame)))
     flagged, counts = np.ones(shape[:2], bool), np.ones(len(frame), bool)
     detected = np.zeros(shape[:2], bool)
     _, mine, theirs = np.intersect1d(frame, track.frame, return_indices=True)
@@ -152,8 +148,7 @@ def film_of(results: TrialResults, clip: Clip) -> Film:
         if results.get("estimate") is not None:
             counts[mine] = fitted_rows(results)[theirs]
     if throw is not None and throw.points_m.shape[1:] == shape[1:]:
-        _, mine, theirs = np.intersect1d(frame, throw.frame, return_indices=True)
-        fitted_m[mine] = throw.points_m[theirs]
+        fitted_m = throw.at(frame)
     apart_m = np.linalg.norm(measured_m[:, 1:] - fitted_m[:, 1:], axis=2)
     known = np.isfinite(apart_m) & detected[:, 1:]
     error_m = np.where(known, apart_m, 0.0).sum(axis=1) / np.where(
@@ -168,13 +163,9 @@ def film_of(results: TrialResults, clip: Clip) -> Film:
 def clip_px(camera: Camera, clip: Clip, places_m: Array) -> Array:
     """Return the pixels (..., 2) of places (..., 2) in the small video; NaN for unknown places."""
     left, top, width, height = clip.box_px
-    known = np.isfinite(places_m).all(axis=-1)
-    pixels = np.full(places_m.shape, np.nan)
-    if known.any():
-        scale = np.array([clip.width_px / width, clip.height_px / height])
-        # A pixel's middle has whole coordinates, in both pictures.
-        pixels[known] = (project_px(camera, places_m[known], 1.0) - (left, top) + 0.5) * scale - 0.5
-    return pixels
+    scale = np.array([clip.width_px / width, clip.height_px / height])
+    # A pixel's middle has whole coordinates, in both pictures.
+    return np.asarray((project_px(camera, places_m) - (left, top) + 0.5) * scale - 0.5)
 
 
 def _finding(film: Film, closest: int | None, miss: str, worst: int | None, runs: int) -> str:
@@ -197,10 +188,10 @@ def _tile(clip: Clip, film: Film, number: int, measured_px: Array, fitted_px: Ar
     return StripTile(picture.frame, k, text, picture.webp, path_of(measured_px[k]), path_of(fitted_px[k]))
 
 
-def _stepped(pixels: Array) -> NDArray[np.int16]:
-    """Return places as whole steps of a pixel."""
-    steps = np.rint(STEPS_PER_PX * pixels)
-    return np.where(np.abs(steps) < -MISSING, steps, MISSING).astype("<i2")
+def whole_steps(places: Array) -> str:
+    """Return places in a step of the page, rounded to two bytes each, in base64."""
+    steps = np.rint(places)
+    return in_base64(np.where(np.abs(steps) < -MISSING, steps, MISSING).astype("<i2"))
 
 
 def _numbers(film: Film) -> NDArray[np.float32]:
@@ -209,8 +200,9 @@ def _numbers(film: Film) -> NDArray[np.float32]:
     return (1e3 * np.column_stack(columns)).astype("<f4")
 
 
-def _base64(values: NDArray[np.generic]) -> str:
-    return base64.b64encode(np.ascontiguousarray(values).tobytes()).decode()
+def in_base64(values: NDArray[np.generic]) -> str:
+    """Return the bytes of an array in base64."""
+    return base64.b64encode(values.tobytes()).decode()
 
 
 def _height(length_m: Array, highest_m: float) -> Array:
