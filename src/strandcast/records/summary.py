@@ -74,12 +74,13 @@ class ExperimentSummary(Record):
     unread: dict[str, str] = {}  # results beside those of trials that could not be read -> why
     made_with: list[VersionGroup] = []  # one group if all results were made by the same versions
 
+    def counted(self) -> list[TrialSummary]:
+        """Return the trials that are not excluded."""
+        return [line for line in self.trials if line.excluded is None]
+
     def all_unread(self) -> dict[str, str]:
         """Return why results could not be read, by file; those of excluded trials do not count."""
         files = {
-            f"trial {line.trial}, {file}": why
-            for line in self.trials
-            if line.excluded is None
-            for file, why in line.unread.items()
+            f"trial {line.trial}, {file}": why for line in self.counted() for file, why in line.unread.items()
         }
         return files | self.unread

@@ -15,7 +15,7 @@ from strandcast.records.summary import ExperimentSummary, TrialSummary
 from strandcast.report.checks import run_checks
 from strandcast.report.facts import Facts
 from strandcast.report.first_screen import doubts, first_figures, next_step, readable_motion
-from strandcast.report.numbers import millimetres
+from strandcast.report.numbers import counted, millimetres
 from strandcast.report.pages import csv_link, render
 from strandcast.report.panels.content import make_sections
 from strandcast.report.panels.page_data import ExperimentPageData
@@ -55,8 +55,8 @@ def experiment_page(
     last, upcoming = page.last_counted, readable_motion(next_motion)
     found = {
         f"trial {line.trial}": run_checks(results[line.trial], None)
-        for line in summary.trials
-        if line.excluded is None and line.trial in results
+        for line in summary.counted()
+        if line.trial in results
     }
     return render(
         "experiment.html.jinja",
@@ -97,14 +97,13 @@ def _badge(summary: ExperimentSummary, *, uncertain: bool) -> Badge:
 
 
 def _headline(summary: ExperimentSummary, *, uncertain: bool) -> str:
-    excluded = sum(line.excluded is not None for line in summary.trials)
-    count = len(summary.trials)
-    trials = f"{count} trial{'' if count == 1 else 's'}"
+    excluded = len(summary.trials) - len(summary.counted())
+    trials = counted(len(summary.trials), "trial")
     trials += f", {excluded} of them excluded" if excluded else ""
     if summary.verdict == "unknown":
         return f"Whether the tip hit the target is unknown: results could not be read ({trials})."
     if summary.target_m is None:
-        fitted = [line.E_m for line in summary.trials if line.excluded is None and line.E_m is not None]
+        fitted = [line.E_m for line in summary.counted() if line.E_m is not None]
         best = f", fitted to E {millimetres(min(fitted))}" if fitted else ", none of them fitted yet"
         spread = f" to {millimetres(max(fitted))}" if len(fitted) > 1 else ""
         return f"Captured motion without a target: {trials}{best}{spread}."

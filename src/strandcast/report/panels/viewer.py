@@ -54,7 +54,7 @@ class Film:
 
     def flagged_runs(self) -> list[tuple[int, int]]:
         """Return first and last place of each run of frames with a flagged point of the string."""
-        return runs(self.flagged[:, 1:].any(axis=1))
+        return runs(np.asarray(self.flagged[:, 1:].any(axis=1)))
 
     def worst(self) -> int | None:
         """Return the place of the frame with the largest error, among those of the fit."""
