@@ -1,6 +1,6 @@
 """summary.json: one experiment in numbers."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import ClassVar, Literal
 
 from strandcast.records.record import Migration, Part, Record
@@ -51,6 +51,14 @@ class VersionGroup(Part):
 
     versions: dict[str, str]  # empty: from before versions were stored
     files: list[str]
+
+
+def group_by_versions(made_by: Iterable[tuple[str, Mapping[str, str]]]) -> list[VersionGroup]:
+    """Return the names of files by the versions that made them, in order of first use."""
+    groups: dict[tuple[tuple[str, str], ...], list[str]] = {}
+    for file, versions in made_by:
+        groups.setdefault(tuple(sorted(versions.items())), []).append(file)
+    return [VersionGroup(versions=dict(versions), files=files) for versions, files in groups.items()]
 
 
 class ExperimentSummary(Record):
