@@ -81,7 +81,7 @@ class ExperimentPageData:
     def last_counted(self) -> TrialResults | None:
         """Return the results of the last trial that counts."""
         counted = self.summary.counted()
-        return self.trials.get(counted[-1].trial) if counted else None
+        return self.trials[counted[-1].trial] if counted else None
 
     def need(self, name: str) -> Any:
         """Return a result of every trial that has it; raise the first problem if none has."""

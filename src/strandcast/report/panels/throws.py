@@ -25,7 +25,7 @@ MOST_NAMED = len(STYLES) + 1  # trials that can be told apart; of more, only the
 def hand_paths(page: ExperimentPageData) -> PanelContent:
     """Return the hand's paths in the first throw and in the one that hit (or the last)."""
     summary, trials = page.summary, page.trials
-    counted = [line.trial for line in summary.counted() if line.trial in trials]
+    counted = [line.trial for line in summary.counted()]
     if not counted:
         raise StrandcastError("SC-W030", "there is no counted trial")
     first, last = counted[0], summary.hit_trial or counted[-1]
@@ -77,8 +77,6 @@ def tip_paths(page: ExperimentPageData) -> PanelContent:
     shown: list[int] = []
     missing: list[str] = []
     for line in summary.counted():
-        if line.trial not in trials:
-            continue
         try:
             tip_m = trials[line.trial].need("track").points_m[trials[line.trial].in_window(), -1]
         except StrandcastError:
@@ -116,7 +114,7 @@ def closest_strings(page: ExperimentPageData) -> PanelContent:
     views = _views(figure, page)
     shown: list[int] = []
     for line in summary.counted():
-        if line.trial not in trials or (row := closest_row(trials[line.trial])) is None:
+        if (row := closest_row(trials[line.trial])) is None:
             continue
         style, name = _style(summary, line.trial)
         string_m = trials[line.trial].need("track").points_m[row]
