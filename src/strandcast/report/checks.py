@@ -241,12 +241,10 @@ def _fit(results: TrialResults) -> CheckOutcome:
 def _points_counted(results: TrialResults) -> str:
     """Return in words how many points of the frames of the fit were tracked without a flag, in a video."""
     track = results.get("track")
-    if (
-        track is None
-        or results.supplied()
-        or results.get("alignment") is None
-        or not (rows := fitted_rows(results)).any()
-    ):
+    if track is None or results.supplied() or results.get("alignment") is None:
+        return ""
+    rows = fitted_rows(results)
+    if not rows.any():
         return ""
     points_m, flags = track.points_m[rows, 1:], track.flags[rows, 1:]
     sure = np.isfinite(points_m).all(axis=2) & (flags == 0)

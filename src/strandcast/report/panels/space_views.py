@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from strandcast.records.verdict import Verdict
 from strandcast.report import drawing as draw
-from strandcast.report.measures import fit_window, fitted_rows, matched, strobe_rows
+from strandcast.report.measures import fit_errors_m, fit_window, fitted_rows, strobe_rows
 from strandcast.report.numbers import millimetres
 from strandcast.report.pages import render
 from strandcast.report.panels.content import PanelContent
@@ -125,10 +125,6 @@ def _ends(results: TrialResults, rows: NDArray[np.int64]) -> list[Array]:
 def _mean_distance(results: TrialResults, throw: SimulatedThrow | None) -> float | None:
     if throw is None or results.get("estimate") is None:
         return None
-    mine, theirs = matched(results, throw)
-    counted = fitted_rows(results)[mine]
-    if not counted.any():
-        return None
-    mine, theirs = mine[counted], theirs[counted]
-    apart_m = results.need("track").points_m[mine, 1:] - throw.points_m[theirs, 1:]
-    return float(np.nanmean(np.linalg.norm(apart_m, axis=2)))
+    rows, apart_m = fit_errors_m(results, throw)
+    counted = fitted_rows(results)[rows]
+    return float(np.nanmean(apart_m[counted, 1:])) if counted.any() else None
