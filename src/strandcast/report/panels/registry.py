@@ -39,16 +39,6 @@ def _from_video(page: TrialPageData) -> bool:
     return not page.results.supplied()
 
 
-def _in_plane(page: TrialPageData) -> bool:
-    """Return whether the track is in the plane of motion, or cannot be read."""
-    return not page.results.in_space()
-
-
-def _in_space(page: TrialPageData) -> bool:
-    """Return whether the track is in space."""
-    return page.results.in_space()
-
-
 def _plans(page: TrialPageData) -> bool:
     """Return whether a next motion is to be expected."""
     return page.results.aimed() and (page.next_motion is not None or _from_video(page))
@@ -123,7 +113,7 @@ TRIAL_PANELS = [
         good="the dashed string runs through the rings in both views.",
         bad="it misses them in one view only (an axis, a clamp’s direction), or more towards the tip "
         "(stiffness, air).",
-        shown=_in_space,
+        shown=lambda page: page.results.in_space(),
     ),
     Panel(
         "turn",
@@ -132,7 +122,7 @@ TRIAL_PANELS = [
         needs=("track", "alignment", "simulated"),
         caption="Drag the figure, or use its sliders, to turn it. Blue rings: the measured markers; dashed: "
         "the fitted string; green: the string as predicted from the trials before.",
-        shown=_in_space,
+        shown=lambda page: page.results.in_space(),
     ),
     Panel(
         "strobe",
@@ -140,7 +130,7 @@ TRIAL_PANELS = [
         strobe,
         leads=True,
         needs=THROW,
-        shown=_in_plane,
+        shown=lambda page: not page.results.in_space(),
         good="the dashed string covers the solid one at every instant.",
         bad="they separate towards the tip (stiffness, masses or air), or already at the hand (alignment, "
         "servo or clamp).",
@@ -156,7 +146,7 @@ TRIAL_PANELS = [
         "to the simulated one as the tracker’s σ.",
         bad="that distance grows steadily (parameters), jumps (a lost tip), or swings with the speed "
         "(alignment: 1 ms is 10 mm at 10 m/s).",
-        shown=_in_plane,
+        shown=lambda page: not page.results.in_space(),
     ),
     Panel(
         "predicted",

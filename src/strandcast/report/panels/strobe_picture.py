@@ -1,6 +1,5 @@
 """The tracker's strobe picture with the target, the measured points and the simulated string over it."""
 
-import base64
 import io
 
 import cv2
@@ -12,11 +11,11 @@ from strandcast.errors import StrandcastError
 from strandcast.records.camera import Camera
 from strandcast.records.verdict import Verdict
 from strandcast.report.numbers import millimetres, place
+from strandcast.report.pages import embedded
 from strandcast.report.panels.content import PanelContent
 from strandcast.report.panels.page_data import TrialPageData
 from strandcast.report.results import FILES, Array, TrialResults
 
-LARGEST_BYTES = 1_500_000
 CAPTURE_CAPTION = (
     "Dashed: the fitted string at the instants of the picture, with the measured points as small rings."
 )
@@ -26,13 +25,7 @@ def strobe_picture(page: TrialPageData) -> PanelContent:
     """Return the picture of the throw, with overlays if the camera is known."""
     results = page.results
     picture: bytes = results.need("strobe")
-    if len(picture) > LARGEST_BYTES:
-        raise StrandcastError(
-            "SC-H031",
-            f"the picture has {len(picture) / 1e6:.1f} MB, too large for a page",
-            file=FILES["strobe"],
-            fix="open the file beside this page",
-        )
+    data = embedded(picture, FILES["strobe"], "open the file beside this page")
     width, height = Image.open(io.BytesIO(picture), formats=["WEBP"]).size
     verdict, aimed = results.need("verdict"), results.aimed()
     frames = _instants(results)
@@ -51,11 +44,10 @@ def strobe_picture(page: TrialPageData) -> PanelContent:
     except StrandcastError as problem:
         drawn = Markup("")
         finding += f" Nothing is drawn over the picture: {problem.what}."
-    data = base64.b64encode(picture).decode()
     markup = Markup(
         '<svg class="picture" role="img" aria-label="{}" viewBox="0 0 {} {}">'
         '<image href="data:image/webp;base64,{}" width="{}" height="{}"/>{}</svg>'
-    ).format(f"Strobe picture of the throw. {finding}", width, height, Markup(data), width, height, drawn)
+    ).format(f"Strobe picture of the throw. {finding}", width, height, data, width, height, drawn)
     return PanelContent(
         finding,
         markup,
