@@ -8,7 +8,7 @@ import pytest
 
 from strandcast.camera.mapping import metre_per_pixel
 from strandcast.errors import StrandcastError
-from strandcast.reconstruction.reconstruct import Reconstruction, reconstruct
+from strandcast.reconstruction.plane import reconstruct
 from strandcast.records.camera import Camera, Lens
 from strandcast.records.folders import ExperimentFolder
 from strandcast.records.observations import MarkerShape, Observations, read_observations, write_observations
@@ -74,7 +74,9 @@ def seen(tracked: Tracked, camera: Camera) -> Observations:
 
 
 @pytest.fixture(scope="module")
-def again(seen: Observations, camera: Camera, tmp_path_factory: pytest.TempPathFactory) -> Reconstruction:
+def again(
+    seen: Observations, camera: Camera, tmp_path_factory: pytest.TempPathFactory
+) -> tuple[Track, dict[str, np.ndarray]]:
     path = tmp_path_factory.mktemp("observations") / "observations.parquet"
     write_observations(path, [seen])
     return reconstruct(read_observations(path), {"main": camera})
@@ -83,7 +85,7 @@ def again(seen: Observations, camera: Camera, tmp_path_factory: pytest.TempPathF
 def test_points_come_back_to_rounding_with_the_same_sigma_and_flags(again, tracked):
     seen = np.isfinite(tracked.points_m[..., 0])
     frames = np.flatnonzero(seen.any(axis=1))
-    track = again.track
+    track, _ = again
     assert np.array_equal(track.frame, frames)
     assert np.array_equal(track.camera_time_s, tracked.camera_time_s[frames])
     assert np.array_equal(np.isfinite(track.points_m[..., 0]), seen[frames])
@@ -93,12 +95,13 @@ def test_points_come_back_to_rounding_with_the_same_sigma_and_flags(again, track
 
 
 def test_markers_come_back_with_continuous_angles(again, tracked):
-    assert list(again.markers) == list(tracked.markers)
+    _, markers = again
+    assert list(markers) == list(tracked.markers)
     for name in ("frame", "camera_time_s", "marker", "sigma_m"):
-        assert np.array_equal(again.markers[name], tracked.markers[name])
+        assert np.array_equal(markers[name], tracked.markers[name])
     for name in ("x_m", "y_m", "angle_rad"):
-        assert np.abs(again.markers[name] - tracked.markers[name]).max() < 1e-12
-    assert again.markers["angle_rad"].max() > 2 * np.pi
+        assert np.abs(markers[name] - tracked.markers[name]).max() < 1e-12
+    assert markers["angle_rad"].max() > 2 * np.pi
 
 
 def test_covariance_is_carried_to_pixels_and_back(again, seen, camera, tracked):
@@ -106,17 +109,18 @@ def test_covariance_is_carried_to_pixels_and_back(again, seen, camera, tracked):
     known = np.isfinite(tracked.sigma_m)
     area_px2 = np.sqrt(np.linalg.det(seen.string.covariance_px2[known]))
     assert area_px2 * scale[known] ** 2 == pytest.approx(tracked.sigma_m[known] ** 2, rel=1e-6)
-    covariance_m2 = again.track.covariance_m2
+    track, _ = again
+    covariance_m2 = track.covariance_m2
     assert covariance_m2 is not None
-    assert np.sqrt(covariance_m2[..., 1, 1]) == pytest.approx(again.track.sigma_m, rel=1e-6, nan_ok=True)
+    assert np.sqrt(covariance_m2[..., 1, 1]) == pytest.approx(track.sigma_m, rel=1e-6, nan_ok=True)
     assert np.nanmax(np.abs(covariance_m2[..., 0, 1])) < 1e-12
 
 
 def test_without_the_trackers_sigma_it_follows_from_the_covariance(seen, camera, again):
     nothing = replace(seen.string, sigma_m=np.full_like(seen.string.sigma_m, np.nan))
-    track = reconstruct({"main": replace(seen, string=nothing)}, {"main": camera}).track
-    own = track.sigma_m[again.track.frame]
-    assert own == pytest.approx(again.track.sigma_m, rel=1e-6, nan_ok=True)
+    track, _ = reconstruct({"main": replace(seen, string=nothing)}, {"main": camera})
+    stated, _ = again
+    assert track.sigma_m[stated.frame] == pytest.approx(stated.sigma_m, rel=1e-6, nan_ok=True)
 
 
 def test_several_cameras_are_refused(seen, camera):
@@ -142,9 +146,9 @@ def test_the_stage_needs_records_alone(seen, camera, tracked, tmp_path: Path):
 def test_a_trial_without_markers_gives_an_empty_table(tracked, camera, tmp_path):
     bare = replace(tracked, markers=marker_columns(np.zeros((0, 7))))
     write_observations(tmp_path / "o.parquet", [observe(bare, camera, "main", {})])
-    found = reconstruct(read_observations(tmp_path / "o.parquet"), {"main": camera})
-    assert len(found.markers["frame"]) == 0
-    assert len(found.track.frame) == FRAMES - 1
+    track, markers = reconstruct(read_observations(tmp_path / "o.parquet"), {"main": camera})
+    assert len(markers["frame"]) == 0
+    assert len(track.frame) == FRAMES - 1
 
 
 def test_a_track_in_space_has_a_third_coordinate(tmp_path):

@@ -12,6 +12,7 @@ from strandcast.records.content_hash import result_sha256
 from strandcast.records.estimate import ENSEMBLE
 from strandcast.records.manifest import Gap
 from strandcast.records.record import Record
+from strandcast.records.summary import group_by_versions
 from strandcast.records.tables import read_parquet, table_made_by, write_table
 
 OTHER = {"strandcast": "0.1.9", "numpy": "1.0"}
@@ -98,5 +99,5 @@ def test_versions_of_another_form_are_refused(tmp_path) -> None:
 
 def test_files_are_grouped_by_their_versions() -> None:
     reversed_order = dict(reversed(OTHER.items()))
-    groups = provenance.group_by_versions([("a", OTHER), ("b", {}), ("c", reversed_order)])
-    assert groups == [(OTHER, ["a", "c"]), ({}, ["b"])]
+    groups = group_by_versions([("a", OTHER), ("b", {}), ("c", reversed_order)])
+    assert [(group.versions, group.files) for group in groups] == [(OTHER, ["a", "c"]), ({}, ["b"])]

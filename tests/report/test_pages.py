@@ -297,7 +297,7 @@ def test_tip_error_is_the_amplitude_put_in(results: Path) -> None:
 def test_projection_is_the_cameras(results: Path) -> None:
     camera = read_results(results / "trial-03").need("camera").model_copy(deep=True)
     camera.lens.distortion = [0.0] * 5
-    pixel = project_px(camera, np.array([[0.0, 0.35], [0.238, 0.35]]), 1.0)
+    pixel = project_px(camera, np.array([[0.0, 0.35], [0.238, 0.35]]))
     # depth 2.4 m − 0.02 m; 1100 px · 0.238 m / 2.38 m = 110 px
     assert pixel == pytest.approx(np.array([[640.0, 360.0], [750.0, 360.0]]), abs=1e-6)
 

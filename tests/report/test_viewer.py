@@ -14,7 +14,7 @@ from strandcast.records.files import write_text
 from strandcast.records.tables import write_table
 from strandcast.records.track import TRACK, read_track
 from strandcast.records.verdict import Verdict
-from strandcast.report.panels.viewer import clip_px, film_of, flagged_runs
+from strandcast.report.panels.viewer import clip_px, film_of
 from strandcast.report.results import read_results
 from strandcast.report.trial_page import trial_page
 
@@ -125,7 +125,7 @@ def test_what_is_drawn_belongs_to_the_frame(film: Page, folder: Path) -> None:
     results = read_results(folder)
     clip = results.need("clip")
     shown = film_of(results, clip)
-    assert flagged_runs(shown.flagged) == FLAGGED
+    assert shown.flagged_runs() == FLAGGED
     film.press("Home")
     check_shows(film, 0)
     for frame in (40, 120):

@@ -20,11 +20,11 @@ from urllib.parse import quote
 from strandcast.api import ExperimentView
 from strandcast.core.trial_names import in_trial_order, trial_digits
 from strandcast.errors import StrandcastError
-from strandcast.exports.throw import missing_package
+from strandcast.exports.throw import optional_package, refuse_filled
 from strandcast.records.files import atomic_write, check_room, sha256_file, write_bytes
 from strandcast.records.folders import files_of_video
 from strandcast.records.lineage import relative_to
-from strandcast.records.provenance import group_by_versions
+from strandcast.records.summary import VersionGroup, group_by_versions
 from strandcast.records.verdict import Verdict
 from strandcast.records.verified import READERS
 from strandcast.stages.declarations import STAGES
@@ -95,14 +95,10 @@ def export_crate(
         SC-W012 the package rocrate is missing; SC-I050 the folder is not empty; SC-I051 no result is there;
         otherwise as the readers of results.
     """
-    try:
-        import rocrate.rocrate as library
-    except ImportError:
-        raise missing_package("rocrate", "crate") from None
+    library = optional_package("rocrate.rocrate", "rocrate", "crate")
     zipped = out.suffix.lower() == ".zip"
-    if not zipped and out.is_dir() and any(out.iterdir()):
-        what, fix = "is not empty: a crate is written whole", "give a new folder, or delete this one"
-        raise StrandcastError("SC-I050", what, file=out, fix=fix)
+    if not zipped:
+        refuse_filled(out, "a crate")
     runs = _stage_runs(experiment)
     if not runs:
         what, fix = "has no results to export", f"strandcast run {experiment.name}"
@@ -115,7 +111,9 @@ def export_crate(
 
     crate = library.ROCrate(version="1.1")
     crate.metadata.extra_contexts.append(TERMS)
-    entities = {name: _add_file(crate, name, path) for name, path in files.items()}
+    entities = {
+        name: crate.add_file(path, name, properties=_content(name, path)) for name, path in files.items()
+    }
     entities |= {name: _add_left_out(crate, name, path) for name, path in left_out.items()}
     actions = _add_actions(crate, runs, entities)
     root = crate.root_dataset
@@ -206,10 +204,6 @@ def _content(name: str, path: Path) -> dict[str, Any]:
     return about if media_type is None else about | {"encodingFormat": media_type}
 
 
-def _add_file(crate: Any, name: str, path: Path) -> Any:
-    return crate.add_file(path, name, properties=_content(name, path))
-
-
 def _add_left_out(crate: Any, name: str, path: Path) -> Any:
     text = "Raw video, left out of this crate; a copy of it is the original if its SHA-256 is this one."
     return _add(crate, f"#{quote(name)}", "VideoObject", description=text, **_content(name, path))
@@ -217,13 +211,12 @@ def _add_left_out(crate: Any, name: str, path: Path) -> Any:
 
 def _add_actions(crate: Any, runs: list[_StageRun], entities: dict[str, Any]) -> list[Any]:
     groups = group_by_versions((run.name, run.made_by) for run in runs if run.made_by)
-    software = {name: _add_software(crate, group, groups) for group in groups for name in group[1]}
+    software = {name: _add_software(crate, group, groups) for group in groups for name in group.files}
     actions = []
     for run in runs:
         # Pages hold no versions. If all records have the same ones, these made the pages too.
-        instrument = software.get(run.name) or _add_software(
-            crate, groups[0] if len(groups) == 1 else ({}, []), groups
-        )
+        common = groups[0] if len(groups) == 1 else VersionGroup(versions={}, files=[])
+        instrument = software.get(run.name) or _add_software(crate, common, groups)
         properties = {"name": run.name, "instrument": instrument}
         properties["object"] = [entities[name] for name in in_trial_order(run.inputs) if name in entities]
         properties["result"] = [entities[name] for name in in_trial_order(run.outputs) if name in entities]
@@ -232,11 +225,9 @@ def _add_actions(crate: Any, runs: list[_StageRun], entities: dict[str, Any]) ->
     return actions
 
 
-def _add_software(
-    crate: Any, group: tuple[dict[str, str], list[str]], groups: list[tuple[dict[str, str], list[str]]]
-) -> Any:
+def _add_software(crate: Any, group: VersionGroup, groups: list[VersionGroup]) -> Any:
     """Add strandcast as one set of versions describes it, once."""
-    versions = dict(group[0])
+    versions = dict(group.versions)
     number = "" if not versions or len(groups) == 1 else f"-{groups.index(group) + 1}"
     identifier = f"#strandcast{number}"
     if (there := crate.get(identifier)) is not None:

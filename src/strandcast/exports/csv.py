@@ -22,7 +22,6 @@ def export_csv(trial: TrialView, folder: Path) -> list[Path]:
         if name == "track":
             robot_time_s = trial.alignment.robot_time_s(table["camera_time_s"])
             table.insert(2, "robot_time_s", robot_time_s)
-        folder.mkdir(parents=True, exist_ok=True)
         written.append(folder / f"{name}.csv")
         write_bytes(written[-1], table.to_csv(index=name == "joints").encode())
     return written

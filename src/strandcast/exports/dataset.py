@@ -17,8 +17,8 @@ import pyarrow.parquet as pq
 
 from strandcast.api import ExperimentView
 from strandcast.errors import StrandcastError
-from strandcast.exports.throw import ThrowData, read_throw
-from strandcast.records.files import write_bytes
+from strandcast.exports.throw import ThrowData, read_throw, refuse_filled
+from strandcast.records.files import write_text
 from strandcast.records.manifest import Manifest, VideoFacts
 
 VIDEO = "observation.images.main"
@@ -39,9 +39,7 @@ def export_dataset(experiment: ExperimentView, folder: Path) -> int:
     StrandcastError
         SC-I050 the folder is not empty; SC-I051 no trial has been estimated.
     """
-    if folder.is_dir() and any(folder.iterdir()):
-        what, fix = "is not empty: a dataset is written whole", "give a new folder, or delete this one"
-        raise StrandcastError("SC-I050", what, file=folder, fix=fix)
+    refuse_filled(folder, "a dataset")
     trials = [t for t in experiment.trials.values() if (t.folder.results / "estimate.json").is_file()]
     counted = experiment.context.counted(t.number for t in trials)
     throws = [read_throw(trial) for trial in trials if trial.number in counted]
@@ -213,5 +211,4 @@ def _write(path: Path, table: pa.Table) -> None:
 
 
 def _write_json(path: Path, content: dict[str, Any]) -> None:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    write_bytes(path, (json.dumps(content, indent=2) + "\n").encode())
+    write_text(path, json.dumps(content, indent=2) + "\n")

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from strandcast.exports.throw import ThrowData, missing_package
+from strandcast.exports.throw import ThrowData, optional_package
 
 BASE_FRAME = "base"
 JOINT_STATE, PATH = "sensor_msgs/msg/JointState", "nav_msgs/msg/Path"
@@ -54,13 +54,10 @@ def export_mcap(throw: ThrowData, out: Path) -> int:
     StrandcastError
         SC-W012 the package mcap is not installed.
     """
-    try:
-        from mcap.writer import Writer
-    except ImportError:
-        raise missing_package("mcap", "mcap") from None
+    mcap = optional_package("mcap.writer", "mcap", "mcap")
     messages = sorted(_messages(throw), key=lambda message: message[0])
     with out.open("wb") as file:
-        writer = Writer(file)
+        writer = mcap.Writer(file)
         writer.start(profile="ros2", library="strandcast")
         texts = {kind: definition(kind).encode() for kind in WHOLES}
         schemas = {kind: writer.register_schema(kind, "ros2msg", text) for kind, text in texts.items()}

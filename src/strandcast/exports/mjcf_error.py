@@ -23,7 +23,6 @@ def error_in_mujoco(
     string: StringInMuJoCo,
     offset_m: np.ndarray,
     reading: str,
-    step_s: float | None = None,
 ) -> float:
     """Return E of the string as MuJoCo simulates it on a measured throw [m]; infinite if it diverges.
 
@@ -37,10 +36,8 @@ def error_in_mujoco(
         (2,) of the camera's positions from the robot's.
     reading
         Frame of reference of E: ``world`` or ``hand``.
-    step_s
-        By default the string's own.
     """
-    points_m = play(throw, start_m, string, step_s) + offset_m
+    points_m = play(throw, start_m, string) + offset_m
     value = evaluation_of_points(point_values(distances(throw.points_m, points_m, reading), throw.weight))
     return float(value) if np.isfinite(value) else np.inf
 
@@ -56,10 +53,9 @@ def play(
     start_s, end_s = throw.hand.time_s[0], throw.time_s[-1]
     time_s = start_s + np.arange(int(np.ceil((end_s - start_s) / step_s)) + 1) * step_s
     pose, rate = hand(time_s), hand(time_s, 1)
-    bends, stretches = (
-        _columns(model, mujoco.mjtJoint.mjJNT_HINGE),
-        _columns(model, mujoco.mjtJoint.mjJNT_SLIDE),
-    )
+    kinds = mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE
+    # The first three joints are the hand's.
+    bends, stretches = (np.flatnonzero(model.jnt_type[3:] == int(kind)) + 3 for kind in kinds)
     turned, longer = _start(throw, start_m, string.spacing_m, pose[0], rate[0])
     (data.qpos[bends], data.qvel[bends]) = turned
     if len(stretches):
@@ -78,11 +74,6 @@ def play(
     length = string.spacing_m + (at[:, stretches] if len(stretches) else 0.0)
     steps = np.stack([length * np.cos(angle), length * np.sin(angle)], axis=-1)
     return np.cumsum(np.concatenate([at[:, None, :2], steps], axis=1), axis=1)
-
-
-def _columns(model: mujoco.MjModel, kind: mujoco.mjtJoint) -> np.ndarray:
-    """Return the coordinates of the string's joints of one kind; the first three are the hand's."""
-    return np.flatnonzero(model.jnt_type[3:] == int(kind)) + 3
 
 
 def _start(

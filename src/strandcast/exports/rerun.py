@@ -1,10 +1,11 @@
 """`export rerun`: a throw as a recording for the Rerun viewer, on the robot's clock."""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from strandcast.exports.throw import ThrowData, missing_package
+from strandcast.exports.throw import ThrowData, optional_package
 
 CLOCK = "robot_time"
 ARM, MEASURED, FITTED, TARGET = (90, 90, 90), (0, 114, 178), (213, 94, 0), (0, 158, 115)
@@ -19,10 +20,7 @@ def export_rerun(throw: ThrowData, out: Path) -> None:
     StrandcastError
         SC-W012 the package rerun-sdk is not installed.
     """
-    try:
-        import rerun as rr
-    except ImportError:
-        raise missing_package("rerun-sdk", "rerun") from None
+    rr = optional_package("rerun", "rerun-sdk", "rerun")
     recording = rr.RecordingStream("strandcast", recording_id=throw.name)
     recording.save(out)
     if throw.target_m is not None:
@@ -51,15 +49,12 @@ def export_rerun(throw: ThrowData, out: Path) -> None:
     curves("joints/commanded", throw.joint_time_s, throw.q_cmd_rad, joints)
     apart_mm = 1e3 * np.linalg.norm(throw.points_m - throw.fitted_m, axis=2)[:, 1:]
     curves("apart_mm/tip", times_s, apart_mm[:, -1:], ["tip"])
-    _video(recording, throw)
+    _video(rr, recording, throw)
     recording.flush()
 
 
-def _video(recording: object, throw: ThrowData) -> None:
+def _video(rr: Any, recording: Any, throw: ThrowData) -> None:
     """Add the video of a container that Rerun reads: each tracked frame at its time."""
-    import rerun as rr
-
-    assert isinstance(recording, rr.RecordingStream)
     if throw.video is None or throw.video.suffix.lower() != ".mp4":
         return
     video = rr.AssetVideo(path=throw.video)

@@ -14,8 +14,8 @@ from strandcast.camera.markers import eight_bit
 from strandcast.film.page import film_page
 from strandcast.film.result import FilmTrack
 from strandcast.records.files import atomic_write, write_text
+from strandcast.report.measures import runs
 from strandcast.tracking.preconditions import open_ingested
-from strandcast.video.reader import runs
 
 BLUE, ORANGE, BLACK = (0, 114, 178), (230, 159, 0), (0, 0, 0)  # measured, flagged, their rim
 CORRECTIONS = "corrections.csv"
@@ -92,12 +92,12 @@ def write_overlay(track: FilmTrack, path: Path) -> None:
         stream.pix_fmt = "yuv420p"
         for index, _, image in opened:
             picture = cv2.cvtColor(eight_bit(image), cv2.COLOR_GRAY2RGB)
-            found = np.flatnonzero(np.isfinite(shown_px[index]).all(axis=1))
-            for first, last in runs(found.tolist()):
+            shown = np.isfinite(shown_px[index]).all(axis=1)
+            for first, last in runs(shown):
                 line = shown_px[index, first : last + 1].astype(np.int32)
                 cv2.polylines(picture, [line], False, BLACK, 3, cv2.LINE_AA, 4)
                 cv2.polylines(picture, [line], False, BLUE, 1, cv2.LINE_AA, 4)
-            for k in found:
+            for k in np.flatnonzero(shown):
                 colour = ORANGE if doubt[index, k] else BLUE
                 cv2.circle(picture, shown_px[index, k].astype(int).tolist(), 40, colour, -1, cv2.LINE_AA, 4)
             frame = av.VideoFrame.from_ndarray(picture[: stream.height, : stream.width], format="rgb24")

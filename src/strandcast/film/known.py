@@ -107,9 +107,7 @@ def scale_of(
         apart_px = float(np.hypot(to_u - u, to_v - v))
         if distance_m > 0 and apart_px > 0:
             m_per_px = distance_m / apart_px
-            return Scale(
-                m_per_px, None, f"{1e3 * m_per_px:.4g} mm per pixel, by two pixels {distance_m} m apart"
-            )
+            return Scale(m_per_px, None, f"{in_mm(m_per_px)}, by two pixels {distance_m} m apart")
     marker = re.fullmatch(rf"marker={NUMBER}", text)
     if marker and float(marker[1]) > 0:
         if (side_px := marker_side_px(pictures, dictionary, ids)) is None:
@@ -119,13 +117,13 @@ def scale_of(
             )
             raise StrandcastError("SC-C002", what, field="scale", fix=fix)
         m_per_px = float(marker[1]) / side_px
-        return Scale(m_per_px, None, f"{_mm(m_per_px)}, by markers of {side_px:.1f} px")
+        return Scale(m_per_px, None, f"{in_mm(m_per_px)}, by markers of {side_px:.1f} px")
     try:
         m_per_px = float(text)
     except ValueError:
         m_per_px = np.nan
     if 0 < m_per_px < np.inf:
-        return Scale(m_per_px, None, f"{_mm(m_per_px)}, as given")
+        return Scale(m_per_px, None, f"{in_mm(m_per_px)}, as given")
     raise _wrong(
         "scale",
         text,
@@ -134,7 +132,8 @@ def scale_of(
     )
 
 
-def _mm(m_per_px: float) -> str:
+def in_mm(m_per_px: float) -> str:
+    """Return a scale in words."""
     return f"{1e3 * m_per_px:.4g} mm per pixel"
 
 

@@ -10,10 +10,11 @@ from strandcast.film.result import FilmTrack
 from strandcast.records.clip import Clip
 from strandcast.records.track import Track
 from strandcast.report.drawing import MEASURED, Drawing, drawing, new_figure, to_svg
+from strandcast.report.measures import runs
 from strandcast.report.numbers import percent
 from strandcast.report.pages import render
 from strandcast.report.panels.tracking import kymograph
-from strandcast.report.panels.viewer import Film, flagged_runs, viewer_markup
+from strandcast.report.panels.viewer import Film, viewer_markup
 from strandcast.tracking.clip import make_clip
 
 MOST_RUNS = 40  # chosen: of doubtful frames, listed on the page
@@ -23,7 +24,7 @@ def film_page(track: FilmTrack, files: list[str]) -> str:
     """Return the page of a tracked film; `files` are links beside it."""
     doubt, count = track.doubtful(), len(track.time_s)
     finding = f"{count} frames; {percent(float(1.0 - doubt.mean()))} show every point without doubt."
-    doubtful = flagged_runs(np.repeat(doubt[:, None], 2, axis=1))
+    doubtful = runs(doubt)
     with drawing():
         markup = to_svg(_over_time(track), "over-time")
     return render(

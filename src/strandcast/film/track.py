@@ -12,7 +12,7 @@ from strandcast.config.track import TrackSettings
 from strandcast.errors import StrandcastError
 from strandcast.film.colour import film_of_colour
 from strandcast.film.held_end import SIGMA_PX, BothEnds, FilmScene, held_ends, not_held
-from strandcast.film.known import FilmKnown, Scale, corrections_of, held_of, scale_of
+from strandcast.film.known import FilmKnown, Scale, corrections_of, held_of, in_mm, scale_of
 from strandcast.film.result import FilmTrack
 from strandcast.film.seen import (
     SeenString,
@@ -196,7 +196,7 @@ def _tracked(
     m_per_px = scale.m_per_px if scale.camera is None else scale.camera.scale_m_per_px
     if m_per_px is None and known.length_m is not None:
         m_per_px = known.length_m / length * camera.scale_m_per_px
-        assumed = assumed | {"scale": f"{1e3 * m_per_px:.4g} mm per pixel: the string has its length"}
+        assumed = assumed | {"scale": f"{in_mm(m_per_px)}: the string has its length"}
     if len(rows):
         assumed = assumed | {"corrections": f"{len(rows)} places of {known.corrections}"}
     per_unit = camera.scale_m_per_px / (m_per_px or 1.0)  # nominal metres in a metre, or in a pixel

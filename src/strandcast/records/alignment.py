@@ -112,18 +112,12 @@ class Alignment(Record):
         return camera_time_s * (1.0 + self.drift) + self.offset_s
 
 
-def read_plane_hand(path: str | Path) -> dict[str, np.ndarray]:
-    """Return the rows of hand.parquet in the plane."""
+def read_hand(path: str | Path, source: str) -> tuple[np.ndarray, Pose]:
+    """Return one path of the hand in the plane: robot times (T,) [s] and poses (T,)."""
     rows = read_table(path, HAND)
     if "angle_rad" not in rows:
         what = "the column is missing: the hand is not one in the plane"
         raise refusal("SC-R001", path, "angle_rad", what, "supply track and hand of the same kind")
-    return rows
-
-
-def read_hand(path: str | Path, source: str) -> tuple[np.ndarray, Pose]:
-    """Return one path of the hand in the plane: robot times (T,) [s] and poses (T,)."""
-    rows = read_plane_hand(path)
     mine = rows["source"] == source
     if not mine.any():
         there = ", ".join(sorted(set(rows["source"])))

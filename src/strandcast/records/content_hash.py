@@ -1,5 +1,6 @@
 """The hash by which one result names the results that it was made from."""
 
+from contextlib import suppress
 from pathlib import Path
 
 from strandcast.errors import StrandcastError
@@ -14,18 +15,12 @@ def result_sha256(path: str | Path) -> str:
     patch version of a library made them. A damaged record or table has the hash of its bytes.
     """
     path = Path(path)
-    try:
-        return _result_sha256(path)
-    except StrandcastError:
-        return sha256_file(path)
+    with suppress(StrandcastError):
+        if path.suffix == ".json":
+            data = read_json(path)
+            return content_sha256(verify_hash(path, data) if "content_sha256" in data else content_of(data))
+        if path.suffix == ".parquet":
+            from strandcast.records.tables import table_sha256
 
-
-def _result_sha256(path: Path) -> str:
-    if path.suffix == ".json":
-        data = read_json(path)
-        return content_sha256(verify_hash(path, data) if "content_sha256" in data else content_of(data))
-    if path.suffix == ".parquet":
-        from strandcast.records.tables import table_sha256
-
-        return table_sha256(path)
+            return table_sha256(path)
     return sha256_file(path)

@@ -297,12 +297,9 @@ def _plain(cell: str) -> str:
     return cell
 
 
-def _shortened(text: str) -> str:
-    return text if len(text) <= LONGEST_QUOTE else f"{text[:LONGEST_QUOTE]}… ({len(text)} characters)"
-
-
 def _quoted(text: str) -> str:
-    return repr(_shortened(text))
+    whole = len(text) <= LONGEST_QUOTE
+    return repr(text if whole else f"{text[:LONGEST_QUOTE]}… ({len(text)} characters)")
 
 
 def _is_value(cell: str) -> bool:

@@ -14,7 +14,6 @@ from typing import IO, Any
 
 from strandcast.errors import ENVIRONMENT, StrandcastError
 
-CHUNK_BYTES = 1 << 20
 NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 # How network and memory-card file systems refuse a request that they do not support, such as chmod.
 UNSUPPORTED = (errno.EPERM, errno.EACCES, errno.EINVAL, errno.ENOTSUP, errno.ENOSYS, errno.EBADF)
@@ -53,7 +52,8 @@ def atomic_write(path: str | Path, size_bytes: int | None = None) -> Iterator[Pa
     except OSError as error:
         if error.errno is None or error.filename not in (None, name):  # another file's error
             raise
-        raise _not_written(error, path, size_bytes, _size_of(temporary)) from error
+        written = temporary.stat().st_size if temporary.exists() else 0
+        raise _not_written(error, path, size_bytes, written) from error
     finally:
         with suppress(OSError):
             temporary.unlink(missing_ok=True)
@@ -126,13 +126,6 @@ def in_bytes(size: float) -> str:
     return f"{size:.3g} GB"
 
 
-def _size_of(path: Path) -> int:
-    try:
-        return path.stat().st_size
-    except OSError:
-        return 0
-
-
 def open_scratch() -> IO[bytes]:
     """Open an unnamed file among the system's temporary files; it disappears when it is closed.
 
@@ -187,11 +180,8 @@ def write_bytes(path: str | Path, data: bytes) -> None:
 
 def sha256_file(path: str | Path) -> str:
     """Return the SHA-256 of a file's bytes, in hex."""
-    digest = hashlib.sha256()
     with Path(path).open("rb") as stream:
-        while chunk := stream.read(CHUNK_BYTES):
-            digest.update(chunk)
-    return digest.hexdigest()
+        return hashlib.file_digest(stream, "sha256").hexdigest()
 
 
 def canonical_json(data: Any) -> str:

@@ -37,6 +37,10 @@ class JointLog:
     flags: np.ndarray
     host_time_ns: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
 
+    def blocks(self) -> list[np.ndarray]:
+        """Return commanded and measured positions and speeds, each (T, J), in the order of the file."""
+        return [self.q_cmd_rad, self.qd_cmd_rad_s, self.q_rad, self.qd_rad_s]
+
 
 class LogTiming(Part):
     """Regularity of the log's sampling."""
@@ -103,17 +107,13 @@ class Run(Record):
     following: Following | None = None
 
 
-GROUPS = (
-    ("q_cmd_rad", "q_cmd", "rad"),
-    ("qd_cmd_rad_s", "qd_cmd", "rad_s"),
-    ("q_rad", "q", "rad"),
-    ("qd_rad_s", "qd", "rad_s"),
-)
+# Stem and unit of the columns of the joints, in their order.
+GROUPS = (("q_cmd", "rad"), ("qd_cmd", "rad_s"), ("q", "rad"), ("qd", "rad_s"))
 
 
 def column_names(joint_names: list[str]) -> list[str]:
     """Return the column names of joints.csv."""
-    joints = [f"{stem}_{name}_{unit}" for _, stem, unit in GROUPS for name in joint_names]
+    joints = [f"{stem}_{name}_{unit}" for stem, unit in GROUPS for name in joint_names]
     return ["seq", "host_time_ns", "controller_time_s", "since_start_s", *joints, "flags"]
 
 
@@ -123,9 +123,8 @@ def write_joint_log(path: str | Path, log: JointLog) -> str:
     writer = csv.writer(out, lineterminator="\n")
     writer.writerow(column_names(log.joint_names))
     host = [str(int(t)) for t in log.host_time_ns] or [""] * len(log.time_s)
-    blocks = [getattr(log, name) for name, _, _ in GROUPS]
     for k, time_s in enumerate(log.time_s):
-        joints = [_cell(value) for block in blocks for value in block[k]]
+        joints = [_cell(value) for block in log.blocks() for value in block[k]]
         row = [k, host[k], _cell(time_s), _cell(log.since_start_s[k])]
         writer.writerow([*row, *joints, int(log.flags[k])])
     write_text(path, out.getvalue())
@@ -154,7 +153,7 @@ def read_joint_log(path: str | Path) -> JointLog:
         raise refusal("SC-J001", path, None, what, "import the file with `strandcast import joints`", 1)
     table = cells.numbers(empty=frozenset({""}))
     joints = np.split(table[:, 4:-1], len(GROUPS), axis=1)
-    blocks = {name: block for (name, _, _), block in zip(GROUPS, joints, strict=True)}
+    blocks = {f"{stem}_{unit}": block for (stem, unit), block in zip(GROUPS, joints, strict=True)}
     whole = np.isfinite(blocks["q_rad"]).all(axis=1) & np.isfinite(table[:, 2])
     if not whole.all():
         what = "a time or a joint position is missing"

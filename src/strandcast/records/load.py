@@ -10,7 +10,7 @@ from strandcast.records.alignment import HAND, Alignment
 from strandcast.records.camera import Camera
 from strandcast.records.clip import Clip
 from strandcast.records.estimate import ENSEMBLE, SIMULATED, Estimate
-from strandcast.records.joint_log import GROUPS, Run, column_names, read_joint_log
+from strandcast.records.joint_log import Run, column_names, read_joint_log
 from strandcast.records.lab_truth import LAB_TRUTH
 from strandcast.records.manifest import Manifest
 from strandcast.records.motion import Motion
@@ -114,7 +114,7 @@ def _load_joint_log(path: Path) -> pd.DataFrame:
 
     log = read_joint_log(path)
     seq, *names = column_names(log.joint_names)
-    joints = [column for group, _, _ in GROUPS for column in getattr(log, group).T]
+    joints = [column for block in log.blocks() for column in block.T]
     columns = [log.host_time_ns, log.time_s, log.since_start_s, *joints, log.flags]
     index = pd.RangeIndex(len(log.time_s), name=seq)
     frame = pd.DataFrame(dict(zip(names, columns, strict=True)), index=index)

@@ -1,7 +1,6 @@
 """Provenance of result files: the versions of strandcast and of the libraries that made them."""
 
 import sys
-from collections.abc import Iterable, Mapping
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 
@@ -35,13 +34,3 @@ def _versions() -> tuple[tuple[str, str], ...]:
 def current_versions() -> dict[str, str]:
     """Return the versions of strandcast, Python and the installed libraries of `LIBRARIES`, by name."""
     return dict(_versions())
-
-
-def group_by_versions(
-    made_by: Iterable[tuple[str, Mapping[str, str]]],
-) -> list[tuple[dict[str, str], list[str]]]:
-    """Return sets of versions, each with the names of the files that it made, in order of first use."""
-    groups: dict[tuple[tuple[str, str], ...], list[str]] = {}
-    for file, versions in made_by:
-        groups.setdefault(tuple(sorted(versions.items())), []).append(file)
-    return [(dict(versions), files) for versions, files in groups.items()]

@@ -1,6 +1,6 @@
 """summary.json: one experiment in numbers."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import ClassVar, Literal
 
 from strandcast.records.record import Migration, Part, Record
@@ -53,6 +53,14 @@ class VersionGroup(Part):
     files: list[str]
 
 
+def group_by_versions(made_by: Iterable[tuple[str, Mapping[str, str]]]) -> list[VersionGroup]:
+    """Return the names of files by the versions that made them, in order of first use."""
+    groups: dict[tuple[tuple[str, str], ...], list[str]] = {}
+    for file, versions in made_by:
+        groups.setdefault(tuple(sorted(versions.items())), []).append(file)
+    return [VersionGroup(versions=dict(versions), files=files) for versions, files in groups.items()]
+
+
 class ExperimentSummary(Record):
     """One experiment in numbers."""
 
@@ -74,12 +82,13 @@ class ExperimentSummary(Record):
     unread: dict[str, str] = {}  # results beside those of trials that could not be read -> why
     made_with: list[VersionGroup] = []  # one group if all results were made by the same versions
 
+    def counted(self) -> list[TrialSummary]:
+        """Return the trials that are not excluded."""
+        return [line for line in self.trials if line.excluded is None]
+
     def all_unread(self) -> dict[str, str]:
         """Return why results could not be read, by file; those of excluded trials do not count."""
         files = {
-            f"trial {line.trial}, {file}": why
-            for line in self.trials
-            if line.excluded is None
-            for file, why in line.unread.items()
+            f"trial {line.trial}, {file}": why for line in self.counted() for file, why in line.unread.items()
         }
         return files | self.unread

@@ -37,13 +37,9 @@ def _verify_table(path: Path) -> Verified:
     return Verified(lineage, table_made_by(table))
 
 
-def _verify_page(path: Path) -> Verified:
-    return Verified(check_page(path), {})
-
-
 # Each raises a `StrandcastError` for a file that was damaged or misplaced, or made from other inputs.
 READERS: dict[str, Callable[[Path], Verified]] = {
     ".json": _verify_record,
     ".parquet": _verify_table,
-    ".html": _verify_page,
+    ".html": lambda path: Verified(check_page(path), {}),
 }

@@ -53,7 +53,7 @@ class CampaignExperiment:
     @property
     def throws(self) -> list[TrialSummary]:
         """Return the trials that count, in order: the first is throw 1, whatever its trial's number."""
-        return [line for line in self.trials if line.excluded is None]
+        return [] if self.summary is None else self.summary.counted()
 
     @property
     def begun(self) -> bool:

@@ -8,8 +8,7 @@ from urllib.parse import quote
 from markupsafe import Markup
 
 from strandcast.core.trial_names import trial_name
-from strandcast.records.provenance import group_by_versions
-from strandcast.records.summary import VersionGroup
+from strandcast.records.summary import VersionGroup, group_by_versions
 from strandcast.report.campaign import (
     BEYOND_PREDICTION,
     MOST_ROBUST_Z,
@@ -210,12 +209,11 @@ def _outliers(campaign: Campaign) -> PanelContent:
 
 
 def _version_groups(campaign: Campaign) -> list[VersionGroup]:
-    made = (
+    return group_by_versions(
         (f"{each.name}: {len(group.files)} files", group.versions)
         for each in campaign.experiments
         for group in (each.summary.made_with if each.summary is not None else ())
     )
-    return [VersionGroup(versions=versions, files=files) for versions, files in group_by_versions(made)]
 
 
 def _hashes(campaign: Campaign) -> Table:

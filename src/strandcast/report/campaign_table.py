@@ -68,19 +68,15 @@ def _urgency(each: CampaignThrow) -> int:
     return 0 if each.is_unknown else 1 if line.miss_m is None and each.aimed else 2
 
 
-def _capture_badge(line: TrialSummary) -> Badge:
-    """Return the state of a trial without a target."""
-    return NO_TARGET if line.excluded is None else verdict_badge(None, line.excluded)
-
-
 def _row(each: CampaignThrow, reasons: list[str]) -> CampaignRow:
     line = each.line
+    captured = line.excluded is None and not each.aimed
     predicted = (line.predicted_p10_m, line.predicted_p90_m)
     cells = [
         page_link(each.experiment),
         page_link(each.experiment, line.trial),
         each.throw or UNKNOWN,
-        chip(line_badge(line, each.hit_radius_m) if each.aimed else _capture_badge(line)),
+        chip(NO_TARGET if captured else line_badge(line, each.hit_radius_m)),
         _number(line.miss_m, 1e3, 1, line.miss_sigma_m),
         UNKNOWN if None in predicted else " to ".join(_number(value, 1e3, 1) for value in predicted),
         _number(line.E_planned_m, 1e3, 1),

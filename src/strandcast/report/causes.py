@@ -9,9 +9,8 @@ import numpy as np
 from strandcast.errors import StrandcastError
 from strandcast.records.record import ARM_FILE, RigFault
 from strandcast.records.track import Track
-from strandcast.report.measures import Array
 from strandcast.report.numbers import millimetres, milliseconds, percent, place, scaled, significant
-from strandcast.report.results import TrialResults
+from strandcast.report.results import Array, TrialResults
 
 # Chosen so that no good throw of the lab's seven strings is accused; the lab's faults are far beyond.
 LEAST_SLIP_M = 0.005  # good throws rise by up to 2 mm: the clamp holds the string beside its centre line
@@ -292,10 +291,8 @@ def arm_faults(results: TrialResults) -> list[RigFault]:
 
 
 def _wrong_length(results: TrialResults) -> Iterator[Cause]:
-    fault = length_fault(results)
-    yield from (
-        [] if fault is None else [_named(fault, "the length along the string in this film", "tracking")]
-    )
+    if (fault := length_fault(results)) is not None:
+        yield _named(fault, "the length along the string in this film", "tracking")
 
 
 def _wrong_weights(results: TrialResults) -> Iterator[Cause]:
@@ -307,12 +304,11 @@ def _wrong_arm(results: TrialResults) -> Iterator[Cause]:
     fit = results.get("estimate")
     offsets = None if fit is None else fit.rig_offsets
     for fault in arm_faults(results):
+        evidence = "the hand in this video against its joint log; another number may explain it as well"
         if offsets is not None and fault in offsets.faults:
             together = f"the hand in the videos of trials {', '.join(map(str, offsets.trials))} together"
-            yield _named(fault, f"{together}, against their joint logs", "clocks")
-        else:
-            alone = "the hand in this video against its joint log; another number may explain it as well"
-            yield _named(fault, alone, "clocks")
+            evidence = f"{together}, against their joint logs"
+        yield _named(fault, evidence, "clocks")
 
 
 def _named(fault: RigFault, evidence: str, anchor: str) -> Cause:

@@ -40,15 +40,8 @@ class CheckResult(NamedTuple):
     doubted: str = MISS
 
 
-class CheckOutcome(NamedTuple):
-    """The outcome of one check: whether it is good, what was found, what is expected."""
-
-    good: bool
-    found: str
-    expected: str
-
-
-TrialCheck = Callable[[TrialResults], CheckOutcome | None]
+CheckOutcome = tuple[bool, str, str]  # whether it is good, what was found, what is expected
+TrialCheck = Callable[[TrialResults], CheckOutcome | None]  # None: there is nothing to check
 
 
 def run_checks(results: TrialResults, next_motion: Path | None) -> list[CheckResult]:
@@ -97,7 +90,8 @@ def _run(name: str, severity: str, check: TrialCheck, results: TrialResults) -> 
         return CheckResult(name, NOT_RUN, problem.what, "")
     if outcome is None:
         return CheckResult(name, NOT_RUN, "nothing to check", "")
-    return CheckResult(name, PASS if outcome.good else severity, outcome.found, outcome.expected)
+    good, found, expected = outcome
+    return CheckResult(name, PASS if good else severity, found, expected)
 
 
 def _next_motion(path: Path | None, caveat: str | None) -> CheckResult:
@@ -125,9 +119,7 @@ def _frames(results: TrialResults) -> CheckOutcome | None:
         return None
     summary = results.need("track_summary")
     found = f"{summary.decoded_frames} decoded, {summary.expected_frames} expected"
-    return CheckOutcome(
-        summary.decoded_frames == summary.expected_frames, found, "as many as the manifest says"
-    )
+    return summary.decoded_frames == summary.expected_frames, found, "as many as the manifest says"
 
 
 def _header(results: TrialResults) -> CheckOutcome | None:
@@ -137,14 +129,14 @@ def _header(results: TrialResults) -> CheckOutcome | None:
     held = video.packets + video.discarded_packets
     found = f"{held} packets, {video.header_frames} in the header"
     # A container that states a duration only may be one frame off.
-    return CheckOutcome(abs(held - video.header_frames) <= 1, found, "the same number, or one more or less")
+    return abs(held - video.header_frames) <= 1, found, "the same number, or one more or less"
 
 
 def _video_gaps(results: TrialResults) -> CheckOutcome:
     video = results.need("manifest").video
     missing = sum(gap.missing for gap in video.gaps)
     found = f"{len(video.gaps)} gaps ({missing} frames), {video.duplicates} duplicates"
-    return CheckOutcome(not video.gaps and not video.duplicates, found, "none")
+    return not video.gaps and not video.duplicates, found, "none"
 
 
 def _log_gaps(results: TrialResults) -> CheckOutcome | None:
@@ -153,34 +145,34 @@ def _log_gaps(results: TrialResults) -> CheckOutcome | None:
         return None
     longest = max((gap.duration_s for gap in log.gaps), default=0.0)
     found = f"{len(log.gaps)} gaps (longest {milliseconds(longest, digits=0)}), {log.duplicates} duplicates"
-    return CheckOutcome(not log.gaps and not log.duplicates, found, "none")
+    return not log.gaps and not log.duplicates, found, "none"
 
 
 def _played(results: TrialResults) -> CheckOutcome | None:
     planned, played = results.need("motion").content_sha256(), results.need("manifest").motion_sha256
     if played is None:
         return None
-    return CheckOutcome(planned == played, f"planned {planned[:12]}…, played {played[:12]}…", "the same hash")
+    return planned == played, f"planned {planned[:12]}…, played {played[:12]}…", "the same hash"
 
 
 def _lens(results: TrialResults) -> CheckOutcome:
     rms_px = results.need("camera").lens.rms_px
-    return CheckOutcome(rms_px <= MOST_LENS_RMS_PX, f"{rms_px:.3f} px", f"≤ {MOST_LENS_RMS_PX:g} px rms")
+    return rms_px <= MOST_LENS_RMS_PX, f"{rms_px:.3f} px", f"≤ {MOST_LENS_RMS_PX:g} px rms"
 
 
 def _plane(results: TrialResults) -> CheckOutcome:
     rms_px = results.need("camera").plane_rms_px
-    return CheckOutcome(rms_px <= MOST_PLANE_RMS_PX, f"{rms_px:.3f} px", f"≤ {MOST_PLANE_RMS_PX:g} px rms")
+    return rms_px <= MOST_PLANE_RMS_PX, f"{rms_px:.3f} px", f"≤ {MOST_PLANE_RMS_PX:g} px rms"
 
 
 def _tracked(results: TrialResults) -> CheckOutcome:
     fraction = results.need("track_summary").tracked_fraction
-    return CheckOutcome(fraction >= 0.8, percent(fraction), "≥ 80 % of points without a flag")
+    return fraction >= 0.8, percent(fraction), "≥ 80 % of points without a flag"
 
 
 def _sigma(results: TrialResults) -> CheckOutcome:
     sigma_m = results.need("track_summary").median_sigma_m
-    return CheckOutcome(sigma_m <= 0.003, millimetres(sigma_m, digits=2), "≤ 3 mm (median σ)")
+    return sigma_m <= 0.003, millimetres(sigma_m, digits=2), "≤ 3 mm (median σ)"
 
 
 def _length(results: TrialResults) -> CheckOutcome | None:
@@ -191,8 +183,8 @@ def _length(results: TrialResults) -> CheckOutcome | None:
     median_m = float(np.nanmedian(measured_m))
     expected = f"{millimetres(length_m)}, as declared"
     if (words := slip_words(results)) is not None:
-        return CheckOutcome(False, words, f"{expected}, before and after the throw")
-    return CheckOutcome(length_fault(results) is None, f"{millimetres(median_m)} measured", expected)
+        return False, words, f"{expected}, before and after the throw"
+    return length_fault(results) is None, f"{millimetres(median_m)} measured", expected
 
 
 def _slip(results: TrialResults) -> CheckOutcome | None:
@@ -202,51 +194,49 @@ def _slip(results: TrialResults) -> CheckOutcome | None:
     found = f"{millimetres(slip.rise_m)} beyond the {millimetres(slip.at_rest_m)} at rest"
     least = millimetres(least_slip_m(slip))
     expected = f"≤ {least}: the tip is never farther from the clamp than the string is long"
-    return CheckOutcome(not slipped(slip), found, expected)
+    return not slipped(slip), found, expected
 
 
 def _tip(results: TrialResults) -> CheckOutcome:
     verdict = results.need("verdict")
     found = verdict.reason or f"detected, miss {millimetres(verdict.miss_m, verdict.miss_sigma_m)}"
-    return CheckOutcome(verdict.miss_m is not None, found, "tip detected at the closest approach")
+    return verdict.miss_m is not None, found, "tip detected at the closest approach"
 
 
 def _offset(results: TrialResults) -> CheckOutcome | None:
     error_s = results.need("alignment").offset_se_s
     if error_s is None:
         return None
-    return CheckOutcome(error_s <= 0.002, f"± {milliseconds(error_s)}", "≤ 2 ms (standard error)")
+    return error_s <= 0.002, f"± {milliseconds(error_s)}", "≤ 2 ms (standard error)"
 
 
 def _drift(results: TrialResults) -> CheckOutcome:
     drift = results.need("alignment").drift
     found = f"{drift * 1e6:.1f} ppm".replace("-", "−")
-    return CheckOutcome(abs(drift) <= MOST_DRIFT, found, f"≤ {MOST_DRIFT * 1e6:g} ppm")
+    return abs(drift) <= MOST_DRIFT, found, f"≤ {MOST_DRIFT * 1e6:g} ppm"
 
 
 def _hand(results: TrialResults) -> CheckOutcome | None:
     residual_m = results.need("alignment").residual_rms_m
     if residual_m is None:
         return None
-    return CheckOutcome(residual_m <= 0.005, millimetres(residual_m, digits=2), "≤ 5 mm rms")
+    return residual_m <= 0.005, millimetres(residual_m, digits=2), "≤ 5 mm rms"
 
 
 def _fit(results: TrialResults) -> CheckOutcome:
     error_m = results.need("estimate").E_m
     found = f"{millimetres(error_m, digits=2)}{_points_counted(results)}"
     next_throw = "; beyond it the next throw often misses" if results.aimed() else ""
-    return CheckOutcome(error_m <= 0.008, found, f"≤ 8 mm{next_throw}")
+    return error_m <= 0.008, found, f"≤ 8 mm{next_throw}"
 
 
 def _points_counted(results: TrialResults) -> str:
     """Return in words how many points of the frames of the fit were tracked without a flag, in a video."""
     track = results.get("track")
-    if (
-        track is None
-        or results.supplied()
-        or results.get("alignment") is None
-        or not (rows := fitted_rows(results)).any()
-    ):
+    if track is None or results.supplied() or results.get("alignment") is None:
+        return ""
+    rows = fitted_rows(results)
+    if not rows.any():
         return ""
     points_m, flags = track.points_m[rows, 1:], track.flags[rows, 1:]
     sure = np.isfinite(points_m).all(axis=2) & (flags == 0)
@@ -258,9 +248,7 @@ def _bend(results: TrialResults) -> CheckOutcome | None:
     if predicted is None:
         return None
     bend_deg = float(np.degrees(predicted.largest_bend_rad))
-    return CheckOutcome(
-        bend_deg <= 57.0, f"{bend_deg:.1f}°", "≤ 57° between neighbours: the model is wrong beyond"
-    )
+    return bend_deg <= 57.0, f"{bend_deg:.1f}°", "≤ 57° between neighbours: the model is wrong beyond"
 
 
 # Files with warnings that doubt another number than the miss.

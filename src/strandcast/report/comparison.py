@@ -64,6 +64,10 @@ class TrialRecords:
         """Return an attribute of a record, or None."""
         return getattr(self.records.get(name), attribute, None)
 
+    def value(self, name: str, attribute: str, sigma: str = "") -> Value:
+        """Return a number of a record, with its standard deviation if that is a field too."""
+        return Value(self.get(name, attribute), self.get(name, sigma))
+
 
 class Row(NamedTuple):
     """One quantity of one trial, in both results, and the difference B − A."""
@@ -182,34 +186,23 @@ def parameters_of(trial: TrialRecords) -> dict[str, tuple[str, Value]]:
     if estimate is None:
         return {}
     known = estimate.uncertainty
-    sigmas: dict[str, tuple[float, bool]] = {}
-    if known is not None:
-        sigmas = dict(zip(known.unknowns, zip(known.marginal_sd, known.in_decades, strict=True), strict=True))
+    sigmas = {} if known is None else dict(zip(known.unknowns, known.marginal_sd, strict=True))
     found = {}
     for fit in estimate.parameters:
-        sigma, _ = sigmas.get(fit.name, (None, True))
         decades = math.log10(fit.value) if fit.value > 0.0 else None
-        found[fit.name] = (f"{LOG_UNIT}{fit.unit}".rstrip(), Value(decades, sigma))
+        found[fit.name] = (f"{LOG_UNIT}{fit.unit}".rstrip(), Value(decades, sigmas.get(fit.name)))
     for name, value in estimate.options.items():
-        found[name] = ("", Value(value, sigmas.get(name, (None, False))[0]))
+        found[name] = ("", Value(value, sigmas.get(name)))
     return found
 
 
-def _miss(trial: TrialRecords) -> Value:
-    return Value(trial.get("verdict", "miss_m"), trial.get("verdict", "miss_sigma_m"))
-
-
-def _offset(trial: TrialRecords) -> Value:
-    return Value(trial.get("alignment", "offset_s"), trial.get("alignment", "offset_se_s"))
-
-
 QUANTITIES: dict[str, tuple[str, Callable[[TrialRecords], Value]]] = {
-    "miss": ("m", _miss),
-    "E as planned": ("m", lambda trial: Value(trial.get("estimate", "E_planned_m"))),
-    "E after the fit": ("m", lambda trial: Value(trial.get("estimate", "E_m"))),
-    "tip error": ("m", lambda trial: Value(trial.get("estimate", "tip_error_m"))),
-    "clock offset": ("s", _offset),
-    "tracked fraction": ("1", lambda trial: Value(trial.get("track", "tracked_fraction"))),
+    "miss": ("m", lambda trial: trial.value("verdict", "miss_m", "miss_sigma_m")),
+    "E as planned": ("m", lambda trial: trial.value("estimate", "E_planned_m")),
+    "E after the fit": ("m", lambda trial: trial.value("estimate", "E_m")),
+    "tip error": ("m", lambda trial: trial.value("estimate", "tip_error_m")),
+    "clock offset": ("s", lambda trial: trial.value("alignment", "offset_s", "offset_se_s")),
+    "tracked fraction": ("1", lambda trial: trial.value("track", "tracked_fraction")),
     "wall time": ("s", lambda trial: Value(sum(trial.times_s.values()) if trial.times_s else None)),
 }
 TALLIED = ("miss", "E after the fit", "wall time")

@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from strandcast.report.comparison import LOG_UNIT, Comparison, Row, Tally, Value
+from strandcast.report.comparison import LOG_UNIT, QUANTITIES, Comparison, Row, Tally, Value
 from strandcast.report.drawing import GREY, INK, MEASURED, Drawing, new_figure
 from strandcast.report.numbers import HARD, UNKNOWN, counted, millimetres, milliseconds, scaled, signed
 from strandcast.report.pages import render
@@ -11,15 +11,6 @@ from strandcast.report.typeset import symbol, unit
 
 DIGITS = 2
 LARGE = 2.0  # a difference of this many standard deviations is marked
-MAIN = (
-    "miss",
-    "E as planned",
-    "E after the fit",
-    "tip error",
-    "clock offset",
-    "tracked fraction",
-    "wall time",
-)
 
 
 def comparison_page(comparison: Comparison) -> str:
@@ -60,7 +51,7 @@ def comparison_lines(comparison: Comparison) -> list[str]:
     a, b = comparison.names
     lines = [f"A: {a}", f"B: {b}", *notes(comparison)]
     last = _fitted(comparison)
-    shown = [row for row in comparison.rows if row.quantity in MAIN] + last
+    shown = [row for row in comparison.rows if row.quantity in QUANTITIES] + last
     cells = [("trial", "quantity", "A", "B", "B − A")]
     cells += [
         (f"{row.trial}", row.quantity, text(row, row.a), text(row, row.b), change(row)) for row in shown
@@ -130,7 +121,9 @@ def _paired(comparison: Comparison, quantity: str) -> list[Row]:
 
 def _fitted(comparison: Comparison) -> list[Row]:
     """Return the parameters of the last trial that has any in both."""
-    rows = [row for row in comparison.rows if row.quantity not in MAIN and row.difference.value is not None]
+    rows = [
+        row for row in comparison.rows if row.quantity not in QUANTITIES and row.difference.value is not None
+    ]
     last = max((row.trial for row in rows), default=0)
     return [row for row in rows if row.trial == last]
 
@@ -143,7 +136,7 @@ def _table(rows: list[Row], caption: str) -> Table:
 
 
 def _trials(comparison: Comparison) -> PanelContent:
-    rows = [row for row in comparison.rows if row.quantity in MAIN]
+    rows = [row for row in comparison.rows if row.quantity in QUANTITIES]
     caption = (
         f"± standard deviation where the records have one; * more than {LARGE:g} of the difference's own."
     )

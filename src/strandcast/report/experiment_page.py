@@ -9,13 +9,13 @@ from typing import NamedTuple
 from markupsafe import Markup
 from PIL import Image
 
-from strandcast.core.trial_names import trial_name
 from strandcast.records.estimate import UNDER_PREVIOUS, Estimate
 from strandcast.records.summary import ExperimentSummary, TrialSummary
+from strandcast.records.verdict import Verdict
 from strandcast.report.checks import run_checks
 from strandcast.report.facts import Facts
 from strandcast.report.first_screen import doubts, first_figures, next_step, readable_motion
-from strandcast.report.numbers import millimetres
+from strandcast.report.numbers import counted, millimetres
 from strandcast.report.pages import csv_link, render
 from strandcast.report.panels.content import make_sections
 from strandcast.report.panels.page_data import ExperimentPageData
@@ -46,18 +46,14 @@ def experiment_page(
     next_motion: Path | None = None,
     facts: Facts | None = None,
 ) -> str:
-    """Return the HTML page of one experiment from its summary and its trials' folders of results."""
+    """Return the HTML page of one experiment from its summary and the folders of all its trials' results."""
     facts = facts or Facts()
     results = {trial: read_results(folder) for trial, folder in sorted(trials.items())}
     folder = next(iter(results.values())).folder.parent if results else Path()
-    uncertain = summary.hit_trial is not None and uncertain_verdict(results.get(summary.hit_trial))
+    uncertain = summary.hit_trial is not None and uncertain_verdict(results[summary.hit_trial])
     page = ExperimentPageData(summary, results, folder, next_motion, facts)
     last, upcoming = page.last_counted, readable_motion(next_motion)
-    found = {
-        f"trial {line.trial}": run_checks(results[line.trial], None)
-        for line in summary.trials
-        if line.excluded is None and line.trial in results
-    }
+    found = {f"trial {line.trial}": run_checks(results[line.trial], None) for line in summary.counted()}
     return render(
         "experiment.html.jinja",
         summary=summary,
@@ -70,7 +66,7 @@ def experiment_page(
         doubts=doubts(found) if found else None,
         next_step=next_step(last, upcoming, facts.play_command),
         csv=_csv(summary),
-        rows=[_row(line, trials, results) for line in summary.trials],
+        rows=[_row(line, results[line.trial]) for line in summary.trials],
         sections=make_sections(panels_of("experiment"), page),
         citation=CITATION,
         mixed_versions=mixed_versions(summary.made_with),
@@ -97,14 +93,13 @@ def _badge(summary: ExperimentSummary, *, uncertain: bool) -> Badge:
 
 
 def _headline(summary: ExperimentSummary, *, uncertain: bool) -> str:
-    excluded = sum(line.excluded is not None for line in summary.trials)
-    count = len(summary.trials)
-    trials = f"{count} trial{'' if count == 1 else 's'}"
+    excluded = len(summary.trials) - len(summary.counted())
+    trials = counted(len(summary.trials), "trial")
     trials += f", {excluded} of them excluded" if excluded else ""
     if summary.verdict == "unknown":
         return f"Whether the tip hit the target is unknown: results could not be read ({trials})."
     if summary.target_m is None:
-        fitted = [line.E_m for line in summary.trials if line.excluded is None and line.E_m is not None]
+        fitted = [line.E_m for line in summary.counted() if line.E_m is not None]
         best = f", fitted to E {millimetres(min(fitted))}" if fitted else ", none of them fitted yet"
         spread = f" to {millimetres(max(fitted))}" if len(fitted) > 1 else ""
         return f"Captured motion without a target: {trials}{best}{spread}."
@@ -116,20 +111,17 @@ def _headline(summary: ExperimentSummary, *, uncertain: bool) -> str:
     return f"The tip hit the target at trial {hit.trial}, {near} from its middle{edge} ({trials})."
 
 
-def _row(line: TrialSummary, trials: Mapping[int, Path], results: Mapping[int, TrialResults]) -> TrialRow:
-    mine = results.get(line.trial)
-    verdict = mine.get("verdict") if mine is not None else None
+def _row(line: TrialSummary, results: TrialResults) -> TrialRow:
+    verdict: Verdict | None = results.get("verdict")
     remark = f"excluded: {line.excluded}" if line.excluded is not None else ""
+    if not remark and verdict is None:
+        remark = f"failed: {results.problems['verdict'].what}"
     if not remark and verdict is not None and verdict.reason and verdict.target_m is not None:
         remark = verdict.reason
-    if not remark and mine is not None and verdict is None:
-        remark = f"failed: {mine.problems['verdict'].what}"
-    folder = trials[line.trial].name if line.trial in trials else trial_name(line.trial)
-    picture = mine.get("strobe") if mine is not None else None
-    badge = verdict_badge(verdict, line.excluded, uncertain=uncertain_verdict(mine))
-    estimate: Estimate | None = mine.get("estimate") if mine is not None else None
+    badge = verdict_badge(verdict, line.excluded, uncertain=uncertain_verdict(results))
+    estimate: Estimate | None = results.get("estimate")
     predicted_m = None if estimate is None else estimate.held_out_m(UNDER_PREVIOUS)
-    return TrialRow(line, predicted_m, folder, badge, remark, _thumbnail(picture))
+    return TrialRow(line, predicted_m, results.folder.name, badge, remark, _thumbnail(results.get("strobe")))
 
 
 def _thumbnail(picture: bytes | None) -> str | None:

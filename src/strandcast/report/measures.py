@@ -7,9 +7,8 @@ from strandcast.core.closest_approach import nearest_of_bar
 from strandcast.errors import StrandcastError
 from strandcast.records.estimate import CARRIED, HANGING, Estimate
 from strandcast.records.verdict import Verdict
-from strandcast.report.results import FILES, HandPoses, SimulatedThrow, TrialResults
+from strandcast.report.results import FILES, Array, HandPoses, SimulatedThrow, TrialResults
 
-Array = NDArray[np.float64]
 GUESSES = (HANGING, CARRIED)  # made without a model
 
 
@@ -80,17 +79,17 @@ def with_gaps(time_s: Array, values: Array) -> tuple[Array, Array]:
     return np.insert(time_s, holes, np.nan), np.insert(values, holes, np.nan, axis=0)
 
 
-def matched(results: TrialResults, throw: SimulatedThrow) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return the rows of the track and of a simulated throw that belong to the same frames."""
-    _, mine, theirs = np.intersect1d(results.need("track").frame, throw.frame, return_indices=True)
-    return mine, theirs
+def fit_errors_m(results: TrialResults, throw: SimulatedThrow) -> tuple[NDArray[np.int64], Array]:
+    """Return the rows (K,) of the track that a throw simulates, and their points' distances (K, n+1)."""
+    track = results.need("track")
+    _, mine, theirs = np.intersect1d(track.frame, throw.frame, return_indices=True)
+    return mine, np.linalg.norm(track.points_m[mine] - throw.points_m[theirs], axis=2)
 
 
 def tip_error_m(results: TrialResults, throw: SimulatedThrow) -> tuple[Array, Array]:
     """Return robot times (K,) and the distance (K,) of the simulated tip from the measured one."""
-    mine, theirs = matched(results, throw)
-    difference = results.need("track").points_m[mine, -1] - throw.points_m[theirs, -1]
-    return results.robot_time_s()[mine], np.linalg.norm(difference, axis=1)
+    rows, apart_m = fit_errors_m(results, throw)
+    return results.robot_time_s()[rows], apart_m[:, -1]
 
 
 def closest_row(results: TrialResults) -> int | None:
@@ -138,6 +137,13 @@ def fitted_rows(results: TrialResults) -> NDArray[np.bool_]:
 def best_guess_m(estimate: Estimate) -> float | None:
     """Return the lower E of the guesses without a model; None if there is none."""
     return min((each for what in GUESSES if (each := estimate.held_out_m(what)) is not None), default=None)
+
+
+def runs(flags: NDArray[np.bool_]) -> list[tuple[int, int]]:
+    """Return first and last index of each run of true flags (K,)."""
+    edges = np.diff(np.concatenate([[False], flags, [False]]).astype(int))
+    starts, ends = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1) - 1
+    return list(zip(starts.tolist(), ends.tolist(), strict=True))
 
 
 def rms(values: Array) -> float:

@@ -14,8 +14,11 @@ from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup, escape
 
 from strandcast.core.trial_names import trial_name
+from strandcast.errors import StrandcastError
 from strandcast.report import numbers
 from strandcast.report.typeset import typeset
+
+LARGEST_BYTES = 1_500_000  # of a picture within a page
 
 
 def render(
@@ -53,6 +56,14 @@ def _environment(package: str) -> Environment:
     environment.filters["typeset"] = typeset
     environment.filters["csv_link"] = csv_link
     return environment
+
+
+def embedded(picture: bytes, file: str | Path, fix: str | None = None) -> Markup:
+    """Return a picture in base64 (SC-H031 if it is too large for a page)."""
+    if len(picture) > LARGEST_BYTES:
+        what = f"the picture has {len(picture) / 1e6:.1f} MB, too large for a page"
+        raise StrandcastError("SC-H031", what, file=file, fix=fix)
+    return Markup(base64.b64encode(picture).decode())
 
 
 def csv_link(rows: Iterable[Iterable[object]], heads: Iterable[str], name: str) -> Markup:

@@ -4,8 +4,7 @@ from collections.abc import Iterable, Mapping
 
 from strandcast.core.trial_names import in_trial_order
 from strandcast.records.files import sha256_file
-from strandcast.records.provenance import group_by_versions
-from strandcast.records.summary import VersionGroup
+from strandcast.records.summary import VersionGroup, group_by_versions
 from strandcast.report.facts import Facts
 from strandcast.report.numbers import UNKNOWN
 from strandcast.report.panels.content import Table
@@ -20,8 +19,7 @@ def version_groups(trials: Mapping[str, TrialResults]) -> list[VersionGroup]:
     for folder, results in trials.items():
         for name, versions in results.made_by.items():
             made_by.setdefault(f"{folder}/{results.file(name)}".replace(f"{folder}/../", ""), versions)
-    groups = group_by_versions(made_by.items())
-    return [VersionGroup(versions=versions, files=files) for versions, files in groups]
+    return group_by_versions(made_by.items())
 
 
 def mixed_versions(groups: list[VersionGroup]) -> str | None:

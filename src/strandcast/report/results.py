@@ -41,6 +41,12 @@ class SimulatedThrow(NamedTuple):
     robot_time_s: Array
     points_m: Array
 
+    def at(self, frames: int | NDArray[np.int32]) -> Array:
+        """Return the points (..., n+1, 2 or 3) in frames, NaN where it was not simulated."""
+        row = np.searchsorted(self.frame, frames).clip(0, len(self.frame) - 1)
+        found = self.frame[row] == frames
+        return np.where(found[..., None, None], self.points_m[row], np.nan)
+
 
 class HandPoses(NamedTuple):
     """One path of the hand: robot_time_s (T,), pose (T, 3) = x_m, y_m, angle_rad.

@@ -54,9 +54,9 @@ def verdict_badge(
     return Badge("HIT", "●", "hit") if verdict.hit else Badge("MISS", "▲", "miss")
 
 
-def uncertain_verdict(results: TrialResults | None) -> bool:
+def uncertain_verdict(results: TrialResults) -> bool:
     """Return whether a miss is too near to the hit radius."""
-    verdict: Verdict | None = None if results is None else results.get("verdict")
+    verdict: Verdict | None = results.get("verdict")
     return verdict is not None and too_near(verdict, verdict.hit_radius_m)
 
 
@@ -136,16 +136,9 @@ def methods(results: TrialResults) -> str:
         "(“paper” is the paper's own procedure, every other name strandcast's); every E is unweighted (w = "
         "0) unless stated otherwise."
     )
-    sentences.append(_software(results))
+    # The versions that made the last of the results.
+    sentences.append(software_sentence(next(filter(None, reversed(results.made_by.values())), {})))
     return " ".join(sentence for sentence in sentences if sentence)
-
-
-def _software(results: TrialResults) -> str:
-    """Return the versions that made the last of the results."""
-    known = next(
-        (results.made_by[name] for name in reversed(list(results.made_by)) if results.made_by[name]), {}
-    )
-    return software_sentence(known)
 
 
 def software_sentence(versions: Mapping[str, str]) -> str:

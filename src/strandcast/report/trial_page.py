@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 from strandcast.records.estimate import UNDER_PREVIOUS
 from strandcast.records.manifest import Manifest
@@ -20,13 +20,6 @@ from strandcast.report.panels.registry import panels_of
 from strandcast.report.provenance import mixed_versions, trial_provenance, version_groups
 from strandcast.report.results import TrialResults, read_results
 from strandcast.report.text import methods, outcome, uncertain_verdict, verdict_badge, warnings_of
-
-
-class KeyFigure(NamedTuple):
-    """One row of the table of numbers: a quantity and its value."""
-
-    name: str
-    value: str
 
 
 def trial_page(
@@ -94,15 +87,15 @@ def _missed(verdict: Verdict) -> str:
     return f"the bar from {place(verdict.bar_m[0])} to {place(verdict.bar_m[1])}"
 
 
-def _key_figures(results: TrialResults) -> list[KeyFigure]:
-    """Return the numbers of all stages."""
+def _key_figures(results: TrialResults) -> list[tuple[str, str]]:
+    """Return the quantities of all stages, each with its value."""
     figures = [
-        KeyFigure(name, UNKNOWN if (record := results.get(source)) is None else text_of(record))
+        (name, UNKNOWN if (record := results.get(source)) is None else text_of(record))
         for name, source, text_of in (KEY_FIGURES if results.aimed() else CAPTURE_FIGURES)
         if source in results.pieces or source not in results.not_made()
     ]
     if results.get("estimate") is not None:
-        figures.append(KeyFigure("E and both distances are over", fit_window(results)))
+        figures.append(("E and both distances are over", fit_window(results)))
     return figures
 
 

@@ -105,13 +105,9 @@ def _point_shortfall(objective: AimedPoint, throw: TrackedThrow) -> Measured:
 
 
 @measured_shortfall.register
-def _point_in_space_shortfall(objective: PointInSpace, throw: TrackedThrow) -> Measured:
-    return nearest(throw, np.asarray(objective.target_m, float))
-
-
-@measured_shortfall.register
-def _segment_shortfall(objective: SegmentObjective, throw: TrackedThrow) -> Measured:
-    return nearest(throw, np.asarray(objective.ends_m, float))
+def _nearest_shortfall(objective: PointInSpace | SegmentObjective, throw: TrackedThrow) -> Measured:
+    place_m = objective.ends_m if isinstance(objective, SegmentObjective) else objective.target_m
+    return nearest(throw, np.asarray(place_m, float))
 
 
 @measured_shortfall.register

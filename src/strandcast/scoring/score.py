@@ -125,29 +125,21 @@ def _verdict(
 ) -> Verdict:
     """Return a throw's verdict: its shortfall, or the reason why it is not known."""
     objective, bar_m = aim.objective, aim.objective.bar_m
-    unknown = Verdict(
-        experiment=aim.experiment,
-        trial=aim.trial,
-        target_m=[float(x) for x in aim.target_m],
-        hit_radius_m=aim.hit_radius_m,
-        miss_m=None,
-        miss_sigma_m=None,
-        hit=False,
-        closest_frame=frame,
-        closest_robot_time_s=None,
-        closest_m=None,
-        reason=reason,
-        objective=objective.kind,
-        wanted=objective.refinement,
-        bar_m=None if bar_m is None else [list(end) for end in bar_m],
-    )
-    if shortfall is None:
-        return unknown
     known: dict[str, Any] = {
-        "miss_m": shortfall.miss_m,
-        "miss_sigma_m": shortfall.sigma_m if np.isfinite(shortfall.sigma_m) else None,
-        "hit": shortfall.miss_m <= aim.hit_radius_m,
-        "closest_robot_time_s": shortfall.time_s,
-        "closest_m": shortfall.tip_m.tolist() if np.isfinite(shortfall.tip_m).all() else None,
+        "target_m": [float(x) for x in aim.target_m],
+        "hit": False,
+        "closest_frame": frame,
+        "reason": reason,
+        "objective": objective.kind,
+        "wanted": objective.refinement,
+        "bar_m": None if bar_m is None else [list(end) for end in bar_m],
     }
-    return unknown.model_copy(update=known)
+    if shortfall is not None:
+        known |= {
+            "miss_m": shortfall.miss_m,
+            "miss_sigma_m": shortfall.sigma_m if np.isfinite(shortfall.sigma_m) else None,
+            "hit": shortfall.miss_m <= aim.hit_radius_m,
+            "closest_robot_time_s": shortfall.time_s,
+            "closest_m": shortfall.tip_m.tolist() if np.isfinite(shortfall.tip_m).all() else None,
+        }
+    return without_target(aim.experiment, aim.trial, aim.hit_radius_m).model_copy(update=known)

@@ -1,6 +1,6 @@
 """Observations and camera records to metres: track.parquet, markers.parquet."""
 
-from strandcast.reconstruction.reconstruct import reconstruct
+from strandcast.reconstruction.plane import reconstruct
 from strandcast.records.camera import Camera
 from strandcast.records.observations import read_observations
 from strandcast.records.tables import write_table

@@ -3,7 +3,6 @@
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from strandcast.core.closest_approach import Approach, closest_approach, nearest_of_bar, segment_approaches
 from strandcast.errors import StrandcastError
@@ -15,9 +14,8 @@ from strandcast.report.measures import target_ends_m
 from strandcast.report.numbers import HARD, millimetres, milliseconds, signed
 from strandcast.report.panels.content import PanelContent, Table
 from strandcast.report.panels.page_data import TrialPageData
-from strandcast.report.results import FILES, TrialResults
+from strandcast.report.results import FILES, Array, TrialResults
 
-Array = NDArray[np.float64]
 PARTS = {
     "plan": "target … tip of the planned throw",
     "arm and start": "… the string that planned it, moved by the measured hand",

@@ -3,7 +3,6 @@
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from strandcast.errors import StrandcastError
 from strandcast.records.camera import Camera, coefficient_names
@@ -11,8 +10,8 @@ from strandcast.report.drawing import FITTED, MEASURED, Drawing, new_figure
 from strandcast.report.numbers import UNKNOWN, significant
 from strandcast.report.panels.content import PanelContent, Table
 from strandcast.report.panels.page_data import TrialPageData
+from strandcast.report.results import Array
 
-Array = NDArray[np.float64]
 MOST_ARROWS = 500
 
 

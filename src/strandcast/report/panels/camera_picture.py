@@ -1,16 +1,14 @@
 """The calibration drawn over the photo of the plane by the calibrate stage, and its accuracy."""
 
-import base64
-
 import numpy as np
 from markupsafe import Markup
 
 from strandcast.errors import StrandcastError
 from strandcast.records.camera import Camera, Lens
+from strandcast.report.pages import embedded
 from strandcast.report.panels.content import PanelContent, Table
 from strandcast.report.panels.page_data import ExperimentPageData
 
-LARGEST_BYTES = 1_500_000
 SOURCES = {
     "corners": "corners of the markers",
     "places": "places of the markers",
@@ -27,15 +25,10 @@ def camera_picture(page: ExperimentPageData) -> PanelContent:
     if not path.is_file():
         what = "the picture of the calibration is missing"
         raise StrandcastError("SC-W030", what, file=path, fix="calibrate again")
-    data = path.read_bytes()
-    if len(data) > LARGEST_BYTES:
-        what = f"the picture has {len(data) / 1e6:.1f} MB, too large for a page"
-        raise StrandcastError("SC-H031", what, file=path)
+    data = embedded(path.read_bytes(), path)
     finding = _finding(camera)
     alt = f"The photo of the plane with its markers, residual arrows and the metric grid. {finding}"
-    markup = Markup('<img class="wide" alt="{}" src="data:image/webp;base64,{}">').format(
-        alt, base64.b64encode(data).decode()
-    )
+    markup = Markup('<img class="wide" alt="{}" src="data:image/webp;base64,{}">').format(alt, data)
     return PanelContent(
         finding,
         markup,

@@ -38,11 +38,6 @@ class PanelContent:
     good: str | None = None
 
 
-def always(page: Any) -> bool:
-    """Return True: the panel is on every page."""
-    return True
-
-
 @dataclass(frozen=True)
 class Panel:
     """One panel, as a page declares it; `Any` is the page's data (`TrialPageData`, `ExperimentPageData`)."""
@@ -54,7 +49,7 @@ class Panel:
     caption: str = ""  # what is drawn, and how
     good: str = ""  # how good data look in this panel
     bad: str = ""  # how bad data look, and why
-    shown: Callable[[Any], bool] = always  # whether a page has this panel at all
+    shown: Callable[[Any], bool] = lambda page: True  # whether a page has this panel at all
     leads: bool = False  # whether it may stand beside the verdict
     open: bool = False  # whether it is unfolded at first
 

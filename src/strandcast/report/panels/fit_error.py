@@ -5,7 +5,7 @@ from matplotlib.colors import LogNorm
 
 from strandcast.errors import StrandcastError
 from strandcast.report.drawing import INK, PAGE, SINCE_START, Drawing, new_figure
-from strandcast.report.measures import fit_window, fitted_rows, matched
+from strandcast.report.measures import fit_errors_m, fit_window, fitted_rows
 from strandcast.report.numbers import millimetres, milliseconds
 from strandcast.report.panels.content import PanelContent
 from strandcast.report.panels.page_data import TrialPageData
@@ -21,10 +21,10 @@ def fit_error(page: TrialPageData) -> PanelContent:
         raise StrandcastError(
             "SC-W030", "there is no fitted throw", file=FILES["simulated"], fix="estimate the trial again"
         )
-    mine, theirs = matched(results, throw)
+    mine, apart_m = fit_errors_m(results, throw)
+    apart_m = apart_m[:, 1:]
     start_s = results.need("alignment").motion_start_s
     since_ms = (results.robot_time_s()[mine] - start_s) * 1e3
-    apart_m = np.linalg.norm(results.need("track").points_m[mine, 1:] - throw.points_m[theirs, 1:], axis=2)
     figure = new_figure(10.0, 2.8, left=0.07, right=1.0, top=0.96, bottom=0.17)
     axes = figure.add_subplot()
     extent = (float(since_ms[0]), float(since_ms[-1]))
@@ -34,9 +34,8 @@ def fit_error(page: TrialPageData) -> PanelContent:
     window_s = results.need("estimate").window_s or (start_s, start_s)
     for edge_s in window_s:
         at_ms = (edge_s - start_s) * 1e3
-        axes.axvline(
-            at_ms, color=PAGE, linewidth=2.6, alpha=0.8
-        )  # dashes stand out from dark and bright cells
+        # Dashes stand out from dark and bright cells.
+        axes.axvline(at_ms, color=PAGE, linewidth=2.6, alpha=0.8)
         axes.axvline(at_ms, color=INK, linewidth=1.0, linestyle=(0, (4, 2)))
     counted = fitted_rows(results)[mine]
     detected = results.need("track").detected()[mine, 1:]

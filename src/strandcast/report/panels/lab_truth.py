@@ -3,7 +3,6 @@
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from strandcast.records.verdict import Verdict
 from strandcast.report.drawing import ALONG_STRING, MEASURED, SINCE_START, Drawing, new_figure
@@ -11,10 +10,9 @@ from strandcast.report.measures import path_distance_m, rms
 from strandcast.report.numbers import millimetres, milliseconds, scaled
 from strandcast.report.panels.content import PanelContent, Table
 from strandcast.report.panels.page_data import TrialPageData
-from strandcast.report.results import TrueString
+from strandcast.report.results import Array, TrueString
 from strandcast.report.typeset import quantity
 
-Array = NDArray[np.float64]
 BAR_PLACES = 201  # along a bar to strike, for the true miss; chosen
 WINDOW = "from the motion’s start to 0.3 s after its end"
 COMPARED = ("miss_m", "offset_s", "drift")  # facts beside a measurement

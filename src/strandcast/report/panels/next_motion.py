@@ -2,10 +2,10 @@
 
 import os
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from strandcast.errors import StrandcastError
 from strandcast.records.motion import Motion, Prediction
@@ -24,18 +24,10 @@ from strandcast.report.numbers import (
 from strandcast.report.panels.content import PanelContent, Table
 from strandcast.report.panels.page_data import ExperimentPageData, TrialPageData
 
-Array = NDArray[np.float64]
-
 
 def next_motion(page: TrialPageData | ExperimentPageData) -> PanelContent:
     """Return the joint velocities with their control points, and the prediction."""
-    path, played, facts = page.next_motion, page.played, page.facts
-    if path is None:
-        raise StrandcastError(
-            "SC-W030",
-            "no next motion was planned",
-            fix="`strandcast plan` makes it from this trial's estimate",
-        )
+    path, played, facts = planned_next(page), page.played, page.facts
     place_of_file = os.path.relpath(path, page.folder)
     try:
         motion = Motion.read(path)
@@ -69,6 +61,14 @@ def next_motion(page: TrialPageData | ExperimentPageData) -> PanelContent:
         [_table(motion, page.caveat or facts.play_command)],
         [place_of_file],
     )
+
+
+def planned_next(page: TrialPageData | ExperimentPageData) -> Path:
+    """Return the file of the next motion (SC-W030 if none was planned)."""
+    if page.next_motion is None:
+        fix = "`strandcast plan` makes it from this trial's estimate"
+        raise StrandcastError("SC-W030", "no next motion was planned", fix=fix)
+    return page.next_motion
 
 
 def _draw_joint(

@@ -57,6 +57,11 @@ class ExperimentPageData:
         return self.summary.target_m is not None
 
     @property
+    def in_space(self) -> bool:
+        """Return whether a trial's track is in space."""
+        return any(results.in_space() for results in self.trials.values())
+
+    @property
     def camera_record(self) -> Path:
         """Return the record of the camera that filmed the trials."""
         records = (each.path("camera") for each in self.trials.values() if not each.supplied())
@@ -75,8 +80,8 @@ class ExperimentPageData:
     @property
     def last_counted(self) -> TrialResults | None:
         """Return the results of the last trial that counts."""
-        counted = [each.trial for each in self.summary.trials if each.excluded is None]
-        return self.trials.get(counted[-1]) if counted else None
+        counted = self.summary.counted()
+        return self.trials[counted[-1].trial] if counted else None
 
     def need(self, name: str) -> Any:
         """Return a result of every trial that has it; raise the first problem if none has."""

@@ -16,12 +16,11 @@ from strandcast.report.expected import expected_miss, expected_shares
 from strandcast.report.measures import target_distance_m
 from strandcast.report.numbers import millimetres, percent, with_caveat
 from strandcast.report.panels.content import PanelContent
-from strandcast.report.panels.next_motion import draw_aims, expectation
+from strandcast.report.panels.next_motion import draw_aims, expectation, planned_next
 from strandcast.report.panels.page_data import TrialPageData
 from strandcast.report.panels.tip_path import draw_target, mark_closest
-from strandcast.report.results import FILES, TrialResults
+from strandcast.report.results import FILES, Array, TrialResults
 
-Array = NDArray[np.float64]
 AFTER_HIT_S = 0.1  # drawn after the closest approach; chosen
 ROOM = 1.5  # of the view of the target around the misses; chosen
 LOW, HIGH = 0.1, 0.9  # quantiles that bound four of five throws
@@ -79,13 +78,7 @@ def predicted_throw(page: TrialPageData) -> PanelContent:
 
 def next_throw(page: TrialPageData) -> PanelContent:
     """Return the next throw as it is expected, with every plausible string."""
-    path = page.next_motion
-    if path is None:
-        raise StrandcastError(
-            "SC-W030",
-            "no next motion was planned",
-            fix="`strandcast plan` makes it from this trial's estimate",
-        )
+    path = planned_next(page)
     beside = path.with_name(FILES["predicted"])
     shown = os.path.relpath(beside, page.folder)
     try:

@@ -8,7 +8,7 @@ from strandcast.report.measures import GUESSES, best_guess_m
 from strandcast.report.numbers import millimetres
 from strandcast.report.panels.content import PanelContent, Table
 from strandcast.report.panels.page_data import ExperimentPageData
-from strandcast.report.panels.progress import trial_axis
+from strandcast.report.panels.progress import draw_both, trial_axis
 
 
 def predictions(page: ExperimentPageData) -> PanelContent:
@@ -55,16 +55,10 @@ def _values_m(estimate: Estimate) -> dict[str, float | None]:
 
 
 def _draw(axes: Any, trial: int, estimate: Estimate, excluded: bool) -> None:
-    predicted_m = estimate.held_out_m(UNDER_PREVIOUS)
-    before, after = (draw.GREY,) * 2 if excluded else (draw.PLANNED["color"], draw.FITTED["color"])
     for what in GUESSES:
         if (guess_m := estimate.held_out_m(what)) is not None:
             axes.plot(1e3 * guess_m, trial, "x", color=draw.GREY, markersize=7, markeredgewidth=1.8)
-    if predicted_m is not None:
-        ends_mm = [1e3 * predicted_m, 1e3 * estimate.E_m]
-        axes.plot(ends_mm, [trial] * 2, color=draw.GREY, linewidth=2, zorder=1)
-        axes.plot(ends_mm[0], trial, "D", color=before, markersize=7)
-    axes.plot(1e3 * estimate.E_m, trial, "o", color=after, markersize=7)
+    draw_both(axes, trial, estimate.held_out_m(UNDER_PREVIOUS), estimate.E_m, excluded=excluded)
 
 
 def _finding(estimates: dict[int, Estimate]) -> str:

@@ -37,17 +37,10 @@ def misses(page: ExperimentPageData) -> PanelContent:
     radius_mm = summary.hit_radius_m * 1e3
     axes.axhspan(0, radius_mm, facecolor=TARGET, alpha=0.25, linewidth=0)
     axes.axhline(radius_mm, **HIT_RADIUS)
-    counted = [line for line in summary.trials if line.excluded is None and line.miss_m is not None]
-    axes.plot([line.trial for line in counted], [(line.miss_m or 0.0) * 1e3 for line in counted], **MEASURED)
-    best_mm = np.minimum.accumulate([(line.miss_m or 0.0) * 1e3 for line in counted])
-    axes.step(
-        [line.trial for line in counted],
-        best_mm,
-        where="post",
-        color=INK,
-        linewidth=0.9,
-        linestyle=(0, (2, 2)),
-    )
+    counted_mm = {line.trial: line.miss_m * 1e3 for line in summary.counted() if line.miss_m is not None}
+    axes.plot(list(counted_mm), list(counted_mm.values()), **MEASURED)
+    best_mm = np.minimum.accumulate(list(counted_mm.values()))
+    axes.step(list(counted_mm), best_mm, where="post", color=INK, linewidth=0.9, linestyle=(0, (2, 2)))
     predicted = _draw_predicted(axes, page)
     for line in summary.trials:
         _draw_miss(axes, line, named=len(summary.trials) <= MOST_NUMBERS)
@@ -59,7 +52,7 @@ def misses(page: ExperimentPageData) -> PanelContent:
         axes, "y", [radius_mm, *known_mm, *(end for interval in predicted.values() for end in interval)]
     )
     trial_axis(axes.xaxis, axes.set_xlim, summary)
-    finding = _finding(summary) + _held(summary, predicted)
+    finding = _finding(summary, counted_mm) + _held(counted_mm, predicted)
     return PanelContent(
         finding,
         Drawing(figure, f"Miss per trial. {finding}"),
@@ -74,13 +67,7 @@ def evaluations(page: ExperimentPageData) -> PanelContent:
     figure = new_figure(8.4, 1.1 + 0.42 * max(len(summary.trials), 2), top=0.95, bottom=0.26)
     axes = figure.add_subplot()
     for line in known:
-        after_mm = (line.E_m or 0.0) * 1e3
-        before, after = (GREY, GREY) if line.excluded is not None else (PLANNED["color"], FITTED["color"])
-        if line.E_planned_m is not None:
-            before_mm = line.E_planned_m * 1e3
-            axes.plot([before_mm, after_mm], [line.trial] * 2, color=GREY, linewidth=2, zorder=1)
-            axes.plot(before_mm, line.trial, "D", color=before, markersize=7)
-        axes.plot(after_mm, line.trial, "o", color=after, markersize=7)
+        draw_both(axes, line.trial, line.E_planned_m, line.E_m or 0.0, excluded=line.excluded is not None)
     axes.axvline(8.0, color=INK, linewidth=0.8, linestyle=(0, (2, 2)))
     axes.set(
         xlabel="E [mm], w = 0 (dotted: 8 mm, beyond which the next throw often misses)",
@@ -105,6 +92,15 @@ def evaluations(page: ExperimentPageData) -> PanelContent:
     )
 
 
+def draw_both(axes: Any, trial: int, before_m: float | None, after_m: float, *, excluded: bool) -> None:
+    """Draw E before and after a trial's fit, a diamond and a disc; grey if the trial is excluded."""
+    before, after = (GREY, GREY) if excluded else (PLANNED["color"], FITTED["color"])
+    if before_m is not None:
+        axes.plot([1e3 * before_m, 1e3 * after_m], [trial] * 2, color=GREY, linewidth=2, zorder=1)
+        axes.plot(1e3 * before_m, trial, "D", color=before, markersize=7)
+    axes.plot(1e3 * after_m, trial, "o", color=after, markersize=7)
+
+
 def _draw_predicted(axes: Any, page: ExperimentPageData) -> dict[int, tuple[float, float]]:
     """Draw the interval of misses that was predicted before each throw; return them by trial [mm]."""
     intervals = {}
@@ -118,17 +114,13 @@ def _draw_predicted(axes: Any, page: ExperimentPageData) -> dict[int, tuple[floa
     return intervals
 
 
-def _held(summary: ExperimentSummary, predicted: dict[int, tuple[float, float]]) -> str:
+def _held(counted_mm: dict[int, float], predicted: dict[int, tuple[float, float]]) -> str:
     """Return in words how many misses were within the interval predicted before the throw."""
-    misses_mm = {
-        line.trial: line.miss_m * 1e3
-        for line in summary.trials
-        if line.excluded is None and line.miss_m is not None and line.trial in predicted
-    }
-    if not misses_mm:
+    both = counted_mm.keys() & predicted.keys()
+    if not both:
         return ""
-    held = sum(predicted[trial][0] <= miss <= predicted[trial][1] for trial, miss in misses_mm.items())
-    return f" {held} of {len(misses_mm)} misses lie in the interval predicted before the throw."
+    held = sum(predicted[trial][0] <= counted_mm[trial] <= predicted[trial][1] for trial in both)
+    return f" {held} of {len(both)} misses lie in the interval predicted before the throw."
 
 
 def _draw_miss(axes: Any, line: TrialSummary, named: bool) -> None:
@@ -170,11 +162,11 @@ def spaced_ticks(trials: list[int]) -> list[int]:
     return ticks
 
 
-def _finding(summary: ExperimentSummary) -> str:
-    counted = [line for line in summary.trials if line.excluded is None and line.miss_m is not None]
-    if not counted:
+def _finding(summary: ExperimentSummary, counted_mm: dict[int, float]) -> str:
+    if not counted_mm:
         return "No counted trial has a measured miss."
-    best = min(counted, key=lambda line: line.miss_m or 0.0)
-    path = " → ".join(f"{(line.miss_m or 0.0) * 1e3:.1f}" for line in counted)
+    measured = (line for line in summary.trials if line.trial in counted_mm)
+    best = min(measured, key=lambda line: counted_mm[line.trial])
+    path = " → ".join(f"{miss_mm:.1f}" for miss_mm in counted_mm.values())
     best_text = f"{millimetres(best.miss_m, best.miss_sigma_m)} in trial {best.trial}"
     return f"Miss by trial: {path} mm; the best is {best_text}."

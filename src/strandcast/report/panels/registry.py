@@ -39,36 +39,6 @@ def _from_video(page: TrialPageData) -> bool:
     return not page.results.supplied()
 
 
-def _in_plane(page: TrialPageData) -> bool:
-    """Return whether the track is in the plane of motion, or cannot be read."""
-    return not page.results.in_space()
-
-
-def _in_space(page: TrialPageData) -> bool:
-    """Return whether the track is in space."""
-    return page.results.in_space()
-
-
-def _captured_in_plane(page: ExperimentPageData) -> bool:
-    """Return whether the experiment has no target, and no track in space."""
-    return not page.aimed and _tracks_in_plane(page)
-
-
-def _aimed_in_plane(page: ExperimentPageData) -> bool:
-    """Return whether the experiment has a target, and no track in space."""
-    return page.aimed and _tracks_in_plane(page)
-
-
-def _aimed_or_in_plane(page: ExperimentPageData) -> bool:
-    """Return whether the experiment has a target, or no track in space."""
-    return page.aimed or _tracks_in_plane(page)
-
-
-def _tracks_in_plane(page: ExperimentPageData) -> bool:
-    """Return whether no trial's track is in space."""
-    return not any(results.in_space() for results in page.trials.values())
-
-
 def _plans(page: TrialPageData) -> bool:
     """Return whether a next motion is to be expected."""
     return page.results.aimed() and (page.next_motion is not None or _from_video(page))
@@ -90,21 +60,6 @@ def _planned(page: TrialPageData) -> bool:
 def _is_aimed(page: ExperimentPageData) -> bool:
     """Return whether the experiment has a target."""
     return page.aimed
-
-
-def _is_captured(page: ExperimentPageData) -> bool:
-    """Return whether the experiment has no target."""
-    return not page.aimed
-
-
-def _in_the_lab(page: TrialPageData) -> bool:
-    """Return whether the trial was thrown in the lab."""
-    return page.results.path("lab_truth").exists()
-
-
-def _has_picture(page: ExperimentPageData) -> bool:
-    """Return whether the calibration drew its picture."""
-    return page.camera_record.with_suffix(".webp").is_file()
 
 
 CLOCKS = ("alignment", "hand")
@@ -158,7 +113,7 @@ TRIAL_PANELS = [
         good="the dashed string runs through the rings in both views.",
         bad="it misses them in one view only (an axis, a clamp’s direction), or more towards the tip "
         "(stiffness, air).",
-        shown=_in_space,
+        shown=lambda page: page.results.in_space(),
     ),
     Panel(
         "turn",
@@ -167,7 +122,7 @@ TRIAL_PANELS = [
         needs=("track", "alignment", "simulated"),
         caption="Drag the figure, or use its sliders, to turn it. Blue rings: the measured markers; dashed: "
         "the fitted string; green: the string as predicted from the trials before.",
-        shown=_in_space,
+        shown=lambda page: page.results.in_space(),
     ),
     Panel(
         "strobe",
@@ -175,7 +130,7 @@ TRIAL_PANELS = [
         strobe,
         leads=True,
         needs=THROW,
-        shown=_in_plane,
+        shown=lambda page: not page.results.in_space(),
         good="the dashed string covers the solid one at every instant.",
         bad="they separate towards the tip (stiffness, masses or air), or already at the hand (alignment, "
         "servo or clamp).",
@@ -191,7 +146,7 @@ TRIAL_PANELS = [
         "to the simulated one as the tracker’s σ.",
         bad="that distance grows steadily (parameters), jumps (a lost tip), or swings with the speed "
         "(alignment: 1 ms is 10 mm at 10 m/s).",
-        shown=_in_plane,
+        shown=lambda page: not page.results.in_space(),
     ),
     Panel(
         "predicted",
@@ -331,7 +286,7 @@ TRIAL_PANELS = [
         "is left out: it is the hand by its markers, and the string may leave the clamp beside it.",
         good="errors of the size of the tracker’s σ.",
         bad="an error that grows towards the tip or with its speed.",
-        shown=_in_the_lab,
+        shown=lambda page: page.results.path("lab_truth").exists(),
     ),
 ]
 
@@ -360,28 +315,28 @@ EXPERIMENT_PANELS = [
         "motion that it was not fitted to.",
         bad="a diamond near a cross: the string predicts no better than a guess. The trials differ (another "
         "string, a slipped clamp), or those before it did not excite what this one needs.",
-        shown=_is_captured,
+        shown=lambda page: not page.aimed,
     ),
     Panel(
         "hands",
         "Hand paths, first throw and hit",
         hand_paths,
         caption="Squares: where the motion starts. Grey: the trials between.",
-        shown=_aimed_in_plane,
+        shown=lambda page: page.aimed and not page.in_space,
     ),
     Panel(
         "hand-paths",
         "Hand paths, first and last trial",
         hand_paths,
         caption="Squares: where the motion starts. Grey: the trials between.",
-        shown=_captured_in_plane,
+        shown=lambda page: not page.aimed and not page.in_space,
     ),
     Panel(
         "tips",
         "Tip paths",
         tip_paths,
         caption="From the motion’s start until 0.3 s after its end; in space from two sides.",
-        shown=_aimed_or_in_plane,
+        shown=lambda page: page.aimed or not page.in_space,
     ),
     Panel(
         "strings",
@@ -420,7 +375,7 @@ EXPERIMENT_PANELS = [
         good="the grid agrees with measured places (markers, a ruler, the arm’s base at 0, 0), the arrows "
         "point in all directions.",
         bad="the grid is tilted or stretched (a marker’s place, the lens), one marker has long arrows.",
-        shown=_has_picture,
+        shown=lambda page: page.camera_record.with_suffix(".webp").is_file(),
     ),
 ]
 

@@ -43,8 +43,7 @@ def compares_arm(page: ExperimentPageData) -> bool:
 
 def _newest(page: ExperimentPageData) -> Estimate | None:
     """Return the newest estimate with such a comparison, of a trial that counts."""
-    counted = [line.trial for line in page.summary.trials if line.excluded is None]
-    found = [page.trials[trial].get("estimate") for trial in reversed(counted) if trial in page.trials]
+    found = [page.trials[line.trial].get("estimate") for line in reversed(page.summary.counted())]
     return next((each for each in found if each is not None and each.rig_offsets is not None), None)
 
 

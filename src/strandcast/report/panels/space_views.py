@@ -1,6 +1,5 @@
 """A string in space: two views at right angles, and one that can be turned where scripts run."""
 
-import base64
 from typing import Any
 
 import numpy as np
@@ -9,19 +8,17 @@ from numpy.typing import NDArray
 
 from strandcast.records.verdict import Verdict
 from strandcast.report import drawing as draw
-from strandcast.report.measures import fit_window, fitted_rows, matched, strobe_rows
+from strandcast.report.measures import fit_errors_m, fit_window, fitted_rows, strobe_rows
 from strandcast.report.numbers import millimetres
 from strandcast.report.pages import render
 from strandcast.report.panels.content import PanelContent
 from strandcast.report.panels.page_data import TrialPageData
-from strandcast.report.results import SimulatedThrow, TrialResults
-
-Array = NDArray[np.float64]
+from strandcast.report.panels.viewer import in_base64, whole_steps
+from strandcast.report.results import Array, SimulatedThrow, TrialResults
 
 INSTANTS = 7  # of a string that moves through space; more would hide each other
 MOST_FRAMES = 240  # of the view that can be turned: its page stays below a megabyte
 STEP_M = 1e-4  # of its places
-MISSING = -32768
 SIDES = ((0, "x [m]"), (1, "y [m]"))
 
 
@@ -42,8 +39,9 @@ def two_views(page: TrialPageData) -> PanelContent:
         seen = [across, 2]
         axes.plot(*track.points_m[:, -1][:, seen].T, **(draw.MEASURED | {"linewidth": 0.6, "alpha": 0.6}))
         for k, row in enumerate(rows):
-            named = k == 0
-            _draw_instant(axes, track.points_m[row][:, seen], _at(string, track.frame[row], seen), named)
+            frame = track.frame[row]
+            string_m = string.at(frame)[:, seen] if string is not None and frame in string.frame else None
+            _draw_instant(axes, track.points_m[row][:, seen], string_m, named=k == 0)
         for end_m in _ends(results, rows):
             axes.plot(*end_m[:, seen].T, **draw.marks("s", 4.5, color=draw.HAND))
         axes.plot([], [], **draw.marks("s", 4.5, color=draw.HAND), label="driven end")
@@ -78,13 +76,13 @@ def turnable(page: TrialPageData) -> PanelContent:
     lines = {"measured": track.points_m[rows]}
     for name, source in (("fitted", "string"), ("predicted", "predicted_string")):
         if source in throws:
-            lines[name] = _aligned(throws[source], track.frame[rows])
+            lines[name] = throws[source].at(track.frame[rows])
     reach_m = max(float(np.nanmax(np.linalg.norm(each - centre_m, axis=-1))) for each in lines.values())
     markup = render(
         "turnable.html.jinja",
         points={name: each.shape[1] for name, each in lines.items()},
-        places={name: _packed(each - centre_m) for name, each in lines.items()},
-        times=base64.b64encode((1e3 * since_s).astype("<f4").tobytes()).decode(),
+        places={name: whole_steps((each - centre_m) / STEP_M) for name, each in lines.items()},
+        times=in_base64((1e3 * since_s).astype("<f4")),
         frames=len(rows),
         step_m=STEP_M,
         reach_m=reach_m,
@@ -114,13 +112,6 @@ def _draw_instant(axes: Any, markers_m: Array, string_m: Array | None, named: bo
         axes.plot(*string_m.T, **draw.FITTED, label="fitted string" if named else None)
 
 
-def _at(throw: SimulatedThrow | None, frame: int, seen: list[int]) -> Array | None:
-    """Return two coordinates of a simulated string in a frame; None where it was not simulated."""
-    if throw is None or frame not in throw.frame:
-        return None
-    return np.asarray(throw.points_m[np.searchsorted(throw.frame, frame)][:, seen])
-
-
 def _ends(results: TrialResults, rows: NDArray[np.int64]) -> list[Array]:
     """Return the places of the driven ends (K, 3) at rows of the track."""
     path = (results.get("hand") or {}).get("measured")
@@ -134,25 +125,6 @@ def _ends(results: TrialResults, rows: NDArray[np.int64]) -> list[Array]:
 def _mean_distance(results: TrialResults, throw: SimulatedThrow | None) -> float | None:
     if throw is None or results.get("estimate") is None:
         return None
-    mine, theirs = matched(results, throw)
-    counted = fitted_rows(results)[mine]
-    if not counted.any():
-        return None
-    mine, theirs = mine[counted], theirs[counted]
-    apart_m = results.need("track").points_m[mine, 1:] - throw.points_m[theirs, 1:]
-    return float(np.nanmean(np.linalg.norm(apart_m, axis=2)))
-
-
-def _aligned(throw: SimulatedThrow, frames: NDArray[np.int32]) -> Array:
-    """Return a simulated string's points in frames, NaN where it was not simulated."""
-    points_m = np.full((len(frames), *throw.points_m.shape[1:]), np.nan)
-    _, mine, theirs = np.intersect1d(frames, throw.frame, return_indices=True)
-    points_m[mine] = throw.points_m[theirs]
-    return points_m
-
-
-def _packed(places_m: Array) -> str:
-    """Return places as whole steps of `STEP_M`, in two bytes each."""
-    steps = np.rint(places_m / STEP_M)
-    known = np.abs(np.nan_to_num(steps, nan=-MISSING)) < -MISSING
-    return base64.b64encode(np.where(known, np.nan_to_num(steps), MISSING).astype("<i2").tobytes()).decode()
+    rows, apart_m = fit_errors_m(results, throw)
+    counted = fitted_rows(results)[rows]
+    return float(np.nanmean(apart_m[counted, 1:])) if counted.any() else None

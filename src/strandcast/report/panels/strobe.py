@@ -3,7 +3,6 @@
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from strandcast.errors import StrandcastError
 from strandcast.report import drawing as draw
@@ -12,9 +11,7 @@ from strandcast.report.numbers import millimetres, place
 from strandcast.report.panels.content import PanelContent, Table
 from strandcast.report.panels.page_data import TrialPageData
 from strandcast.report.panels.tip_path import draw_target
-from strandcast.report.results import TrialResults
-
-Array = NDArray[np.float64]
+from strandcast.report.results import Array, TrialResults
 
 
 def strobe(page: TrialPageData) -> PanelContent:
@@ -88,8 +85,7 @@ def _draw(axes: Any, results: TrialResults, limits: tuple[float, float, float, f
         dots = {"linewidth": 2.6 if bold else 1.1, "marker": "o", "markersize": 2.4, "alpha": strength}
         axes.plot(*string_m.T, **(draw.MEASURED | dots), label="measured" if k == 0 else None)
         if throw is not None and track.frame[row] in throw.frame:
-            model_m = throw.points_m[np.searchsorted(throw.frame, track.frame[row])]
-            axes.plot(*model_m.T, **draw.FITTED, alpha=strength, label=named)
+            axes.plot(*throw.at(track.frame[row]).T, **draw.FITTED, alpha=strength, label=named)
             named = "_simulated"
         _label(axes, string_m, f"{k + 1}", bold)
     hand_m = track.points_m[rows, 0]

@@ -1,24 +1,21 @@
 """The tracker's strobe picture with the target, the measured points and the simulated string over it."""
 
-import base64
 import io
 
 import cv2
 import numpy as np
 from markupsafe import Markup, escape
-from numpy.typing import NDArray
 from PIL import Image
 
 from strandcast.errors import StrandcastError
 from strandcast.records.camera import Camera
 from strandcast.records.verdict import Verdict
 from strandcast.report.numbers import millimetres, place
+from strandcast.report.pages import embedded
 from strandcast.report.panels.content import PanelContent
 from strandcast.report.panels.page_data import TrialPageData
-from strandcast.report.results import FILES, TrialResults
+from strandcast.report.results import FILES, Array, TrialResults
 
-Array = NDArray[np.float64]
-LARGEST_BYTES = 1_500_000
 CAPTURE_CAPTION = (
     "Dashed: the fitted string at the instants of the picture, with the measured points as small rings."
 )
@@ -28,37 +25,29 @@ def strobe_picture(page: TrialPageData) -> PanelContent:
     """Return the picture of the throw, with overlays if the camera is known."""
     results = page.results
     picture: bytes = results.need("strobe")
-    if len(picture) > LARGEST_BYTES:
-        raise StrandcastError(
-            "SC-H031",
-            f"the picture has {len(picture) / 1e6:.1f} MB, too large for a page",
-            file=FILES["strobe"],
-            fix="open the file beside this page",
-        )
+    data = embedded(picture, FILES["strobe"], "open the file beside this page")
     width, height = Image.open(io.BytesIO(picture), formats=["WEBP"]).size
     verdict, aimed = results.need("verdict"), results.aimed()
+    frames = _instants(results)
     finding = (
-        f"The string in {len(_instants(results))} frames."
+        f"The string in {len(frames)} frames."
         if not aimed
         else f"The tip passed the target at {place(verdict.target_m)} at {millimetres(verdict.miss_m)}."
         if verdict.miss_m is not None
         else f"The tip's closest approach was not detected: {verdict.reason}."
     )
-    frames = _instants(results)
     if frames and verdict.closest_frame is not None and verdict.closest_frame not in frames:
-        finding += (
-            f" The picture's nearest instant is {_nearest(frames, verdict.closest_frame)} frames from it."
-        )
+        away = min(abs(frame - verdict.closest_frame) for frame in frames)
+        finding += f" The picture's nearest instant is {away} frames from it."
     try:
         drawn = _overlay(results, width)
     except StrandcastError as problem:
         drawn = Markup("")
         finding += f" Nothing is drawn over the picture: {problem.what}."
-    data = base64.b64encode(picture).decode()
     markup = Markup(
         '<svg class="picture" role="img" aria-label="{}" viewBox="0 0 {} {}">'
         '<image href="data:image/webp;base64,{}" width="{}" height="{}"/>{}</svg>'
-    ).format(f"Strobe picture of the throw. {finding}", width, height, Markup(data), width, height, drawn)
+    ).format(f"Strobe picture of the throw. {finding}", width, height, data, width, height, drawn)
     return PanelContent(
         finding,
         markup,
@@ -68,16 +57,19 @@ def strobe_picture(page: TrialPageData) -> PanelContent:
     )
 
 
-def project_px(camera: Camera, places_m: Array, scale: float) -> Array:
-    """Return the pixels (K, 2) of places (K, 2) in the string's plane, in a picture `scale` times as wide."""
-    depth_m = np.full(len(places_m), camera.string_offset_m)
-    world_m = np.column_stack([places_m, depth_m]).reshape(1, -1, 3)
+def project_px(camera: Camera, places_m: Array) -> Array:
+    """Return the pixels (..., 2) of places (..., 2) in the string's plane; NaN for unknown places."""
+    pixels, known = np.full(places_m.shape, np.nan), np.isfinite(places_m).all(axis=-1)
+    if not known.any():
+        return pixels
+    world_m = np.insert(places_m[known], 2, camera.string_offset_m, axis=1).reshape(1, -1, 3)
     turn, _ = cv2.Rodrigues(np.array(camera.rotation, dtype=float))
     lens = camera.lens
     shift_m, matrix = np.array(camera.translation_m, dtype=float), np.array(lens.matrix, dtype=float)
     project = cv2.fisheye.projectPoints if lens.is_fisheye() else cv2.projectPoints
-    pixels, _ = project(world_m, turn, shift_m, matrix, np.array(lens.distortion, dtype=float))
-    return np.asarray(pixels.reshape(-1, 2) * scale)
+    found, _ = project(world_m, turn, shift_m, matrix, np.array(lens.distortion, dtype=float))
+    pixels[known] = found.reshape(-1, 2)
+    return pixels
 
 
 def _overlay(results: TrialResults, width: int) -> Markup:
@@ -85,22 +77,25 @@ def _overlay(results: TrialResults, width: int) -> Markup:
     camera: Camera = results.need("camera")
     scale, size = width / camera.lens.width_px, width / 640.0
     track, throw = results.need("track"), (results.get("simulated") or {}).get("fitted")
-    frames = _instants(results)
-    parts = [_target(results, camera, scale, size)] if results.aimed() else []
+
+    def pixels(places_m: Array) -> Array:
+        return project_px(camera, places_m) * scale
+
+    frames, parts = _instants(results), []
+    if results.aimed():
+        rim = path_of(pixels(rim_m(results.need("verdict"))))
+        parts.append(Markup('<path class="rim" d="{}Z" stroke-width="{:.2f}"/>').format(rim, 1.6 * size))
     if not frames:
         window = results.in_window()
-        parts.append(_line("track", _known_px(camera, track.points_m[window, -1], scale), size))
+        parts.append(_line("track", pixels(track.points_m[window, -1]), size))
         if throw is not None:
             inside = np.isin(throw.frame, track.frame[window])
-            parts.append(_line("model", _known_px(camera, throw.points_m[inside, -1], scale), size))
+            parts.append(_line("model", pixels(throw.points_m[inside, -1]), size))
     for frame in frames:
         if throw is not None and frame in throw.frame:
-            string_m = throw.points_m[np.searchsorted(throw.frame, frame)]
-            parts.append(_line("model", _known_px(camera, string_m, scale), size))
+            parts.append(_line("model", pixels(throw.at(frame)), size))
         for string_m in track.points_m[track.frame == frame]:
-            parts.extend(
-                _ring(pixel, size) for pixel in _known_px(camera, string_m, scale) if np.isfinite(pixel[0])
-            )
+            parts.extend(_ring(pixel, size) for pixel in pixels(string_m) if np.isfinite(pixel[0]))
     return Markup("").join(parts)
 
 
@@ -109,29 +104,10 @@ def _instants(results: TrialResults) -> list[int]:
     return [int(f) for f in str(results.need("track_summary").choices.get("strobe_frames") or "").split()]
 
 
-def _nearest(frames: list[int], frame: int) -> int:
-    return min(abs(each - frame) for each in frames)
-
-
-def _known_px(camera: Camera, places_m: Array, scale: float) -> Array:
-    """Return pixels (K, 2), NaN for unknown places."""
-    known = np.isfinite(places_m).all(axis=1)
-    pixels = np.full(places_m.shape, np.nan)
-    if known.any():
-        pixels[known] = project_px(camera, places_m[known], scale)
-    return pixels
-
-
 def rim_m(verdict: Verdict) -> Array:
     """Return the hit radius around the target as places (K, 2)."""
     turn = np.linspace(0.0, 2 * np.pi, 49)
     return np.array(verdict.target()) + verdict.hit_radius_m * np.column_stack([np.cos(turn), np.sin(turn)])
-
-
-def _target(results: TrialResults, camera: Camera, scale: float, size: float) -> Markup:
-    return Markup('<path class="rim" d="{}Z" stroke-width="{:.2f}"/>').format(
-        path_of(project_px(camera, rim_m(results.need("verdict")), scale)), 1.6 * size
-    )
 
 
 def _line(kind: str, pixels: Array, size: float) -> Markup:

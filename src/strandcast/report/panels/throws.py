@@ -25,7 +25,7 @@ MOST_NAMED = len(STYLES) + 1  # trials that can be told apart; of more, only the
 def hand_paths(page: ExperimentPageData) -> PanelContent:
     """Return the hand's paths in the first throw and in the one that hit (or the last)."""
     summary, trials = page.summary, page.trials
-    counted = [line.trial for line in summary.trials if line.excluded is None and line.trial in trials]
+    counted = [line.trial for line in summary.counted()]
     if not counted:
         raise StrandcastError("SC-W030", "there is no counted trial")
     first, last = counted[0], summary.hit_trial or counted[-1]
@@ -76,9 +76,7 @@ def tip_paths(page: ExperimentPageData) -> PanelContent:
     views = _views(figure, page)
     shown: list[int] = []
     missing: list[str] = []
-    for line in summary.trials:
-        if line.excluded is not None or line.trial not in trials:
-            continue
+    for line in summary.counted():
         try:
             tip_m = trials[line.trial].need("track").points_m[trials[line.trial].in_window(), -1]
         except StrandcastError:
@@ -115,13 +113,11 @@ def closest_strings(page: ExperimentPageData) -> PanelContent:
     figure = draw.new_figure(8.4, 4.8, top=0.97, bottom=0.2)
     views = _views(figure, page)
     shown: list[int] = []
-    for line in summary.trials:
-        results = trials.get(line.trial)
-        row = None if line.excluded is not None or results is None else closest_row(results)
-        if results is None or row is None:
+    for line in summary.counted():
+        if (row := closest_row(trials[line.trial])) is None:
             continue
         style, name = _style(summary, line.trial)
-        string_m = results.need("track").points_m[row]
+        string_m = trials[line.trial].need("track").points_m[row]
         for axes, seen in views:
             axes.plot(*string_m[:, seen].T, **(style | {"marker": "o", "markersize": 2.6}), label=name)
         shown.append(line.trial)
@@ -140,7 +136,7 @@ def closest_strings(page: ExperimentPageData) -> PanelContent:
 
 def _style(summary: ExperimentSummary, trial: int) -> tuple[dict[str, Any], str]:
     """Return the style and the name of a trial's line: the hit is bold; of many others, most are grey."""
-    counted = [line.trial for line in summary.trials if line.excluded is None]
+    counted = [line.trial for line in summary.counted()]
     name = f"trial {trial}"
     if trial == summary.hit_trial:
         return draw.MEASURED | {"linewidth": 2.4, "zorder": 3}, f"{name}, the hit"
@@ -153,7 +149,7 @@ def _style(summary: ExperimentSummary, trial: int) -> tuple[dict[str, Any], str]
 
 def _views(figure: Any, page: ExperimentPageData) -> Views:
     """Return the figure's axes, each with the coordinates that it shows."""
-    seen = draw.views(3 if any(results.in_space() for results in page.trials.values()) else 2)
+    seen = draw.views(3 if page.in_space else 2)
     return [(figure.add_subplot(1, len(seen), k + 1), each) for k, each in enumerate(seen)]
 
 

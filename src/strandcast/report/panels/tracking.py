@@ -7,6 +7,7 @@ from matplotlib.colors import LogNorm
 
 from strandcast.report.causes import slip_words
 from strandcast.report.drawing import INK, Drawing, new_figure
+from strandcast.report.measures import runs
 from strandcast.report.numbers import millimetres, percent, signed
 from strandcast.report.panels.content import PanelContent, Table
 from strandcast.report.panels.page_data import TrialPageData
@@ -81,13 +82,11 @@ def kymograph(
 
 def _lost_table(track: Any) -> Table:
     """Return the longest runs of frames without the tip."""
-    lost = ~np.isfinite(track.points_m[:, -1]).all(axis=1)
-    edges = np.diff(np.concatenate([[False], lost, [False]]).astype(int))
-    starts, ends = np.nonzero(edges == 1)[0], np.nonzero(edges == -1)[0] - 1
-    longest = sorted(range(len(starts)), key=lambda k: (starts[k] - ends[k], starts[k]))[:6]
+    lost = runs(~np.isfinite(track.points_m[:, -1]).all(axis=1))
+    longest = sorted(lost, key=lambda run: run[0] - run[1])[:6]
     rows = [
-        [str(track.frame[starts[k]]), str(track.frame[ends[k]]), str(ends[k] - starts[k] + 1)]
-        for k in sorted(longest)
+        [str(track.frame[first]), str(track.frame[last]), str(last - first + 1)]
+        for first, last in sorted(longest)
     ]
     caption = (
         "The longest runs of frames, of the whole film, in which the tip was not found at all; frames in "

@@ -10,15 +10,14 @@ from numpy.typing import NDArray
 
 from strandcast.records.camera import Camera
 from strandcast.records.clip import PLAYED_HZ, Clip
-from strandcast.report.measures import fitted_rows
+from strandcast.report.measures import fitted_rows, runs
 from strandcast.report.numbers import millimetres, milliseconds
 from strandcast.report.pages import render
 from strandcast.report.panels.content import PanelContent
 from strandcast.report.panels.page_data import TrialPageData
 from strandcast.report.panels.strobe_picture import path_of, project_px, rim_m
-from strandcast.report.results import TrialResults
+from strandcast.report.results import Array, TrialResults
 
-Array = NDArray[np.float64]
 Whole = NDArray[np.int64]
 
 SLOWER = 20  # than the throw, while the film plays
@@ -53,6 +52,10 @@ class Film:
             return None
         return int(np.searchsorted(self.frame, frame, side="right")) - 1
 
+    def flagged_runs(self) -> list[tuple[int, int]]:
+        """Return first and last place of each run of frames with a flagged point of the string."""
+        return runs(np.asarray(self.flagged[:, 1:].any(axis=1)))
+
     def worst(self) -> int | None:
         """Return the place of the frame with the largest error, among those of the fit."""
         counted_m = np.where(self.counts, self.error_m, np.nan)
@@ -76,7 +79,7 @@ def viewer(page: TrialPageData) -> PanelContent:
     clip, verdict = results.need("clip"), results.need("verdict")
     film, camera = film_of(results, clip), results.need("camera")
     closest, miss = film.at(verdict.closest_frame), millimetres(verdict.miss_m)
-    finding = _finding(film, closest, miss, film.worst(), len(flagged_runs(film.flagged)))
+    finding = _finding(film, closest, miss, film.worst(), len(film.flagged_runs()))
     rim = path_of(clip_px(camera, clip, rim_m(verdict))) if results.aimed() else None
     return PanelContent(
         finding,
@@ -101,7 +104,6 @@ def viewer_markup(
     `rim` is the target's, `closest` the place of the closest approach in the film.
     """
     measured_px, fitted_px = (clip_px(camera, clip, each) for each in (film.measured_m, film.fitted_m))
-    worst, runs = film.worst(), flagged_runs(film.flagged)
     highest_m = max(0.2, *np.nan_to_num([film.to_target_m, film.error_m]).ravel())
     markup = render(
         "viewer.html.jinja",
@@ -111,16 +113,16 @@ def viewer_markup(
         played_hz=PLAYED_HZ,
         play_rate=clip.rate_hz / (SLOWER * clip.step * PLAYED_HZ),
         slower=SLOWER,
-        measured=_base64(_stepped(measured_px)),
-        fitted=_base64(_stepped(fitted_px)),
-        flagged=_base64(film.flagged.astype("u1")),
-        numbers=_base64(_numbers(film)),
+        measured=whole_steps(STEPS_PER_PX * measured_px),
+        fitted=whole_steps(STEPS_PER_PX * fitted_px),
+        flagged=in_base64(film.flagged.astype("u1")),
+        numbers=in_base64(_numbers(film)),
         rim=rim,
         since=since,
         closest=closest,
-        worst=worst,
+        worst=film.worst(),
         is_fitted=bool(np.isfinite(film.fitted_m).any()),
-        runs=runs[:MOST_RUNS],
+        runs=film.flagged_runs()[:MOST_RUNS],
         plot=PLOT,
         lines={"track": _line(film.to_target_m, highest_m), "model": _line(film.error_m, highest_m)},
         decades={mm: float(_height(np.array(1e-3 * mm), highest_m)) for mm in DECADES_MM},
@@ -135,11 +137,7 @@ def film_of(results: TrialResults, clip: Clip) -> Film:
     track, throw = results.need("track"), (results.get("simulated") or {}).get("fitted")
     frame = clip.first_frame + clip.step * np.arange(clip.frames)
     shape = (len(frame), *track.points_m.shape[1:])
-    measured_m, fitted_m, since_s = (
-        np.full(shape, np.nan),
-        np.full(shape, np.nan),
-        np.full(len(frame), np.nan),
-    )
+    measured_m, fitted_m, since_s = (np.full(size, np.nan) for size in (shape, shape, len(frame)))
     flagged, counts = np.ones(shape[:2], bool), np.ones(len(frame), bool)
     detected = np.zeros(shape[:2], bool)
     _, mine, theirs = np.intersect1d(frame, track.frame, return_indices=True)
@@ -150,8 +148,7 @@ def film_of(results: TrialResults, clip: Clip) -> Film:
         if results.get("estimate") is not None:
             counts[mine] = fitted_rows(results)[theirs]
     if throw is not None and throw.points_m.shape[1:] == shape[1:]:
-        _, mine, theirs = np.intersect1d(frame, throw.frame, return_indices=True)
-        fitted_m[mine] = throw.points_m[theirs]
+        fitted_m = throw.at(frame)
     apart_m = np.linalg.norm(measured_m[:, 1:] - fitted_m[:, 1:], axis=2)
     known = np.isfinite(apart_m) & detected[:, 1:]
     error_m = np.where(known, apart_m, 0.0).sum(axis=1) / np.where(
@@ -163,23 +160,12 @@ def film_of(results: TrialResults, clip: Clip) -> Film:
     return Film(frame, measured_m, flagged, fitted_m, to_target_m, error_m, since_s, counts)
 
 
-def flagged_runs(flagged: NDArray[np.bool_]) -> list[tuple[int, int]]:
-    """Return first and last index of each run of frames with a flagged point of the string (K, n + 1)."""
-    edges = np.diff(np.concatenate([[False], flagged[:, 1:].any(axis=1), [False]]).astype(int))
-    starts, ends = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1) - 1
-    return list(zip(starts.tolist(), ends.tolist(), strict=True))
-
-
 def clip_px(camera: Camera, clip: Clip, places_m: Array) -> Array:
     """Return the pixels (..., 2) of places (..., 2) in the small video; NaN for unknown places."""
     left, top, width, height = clip.box_px
-    known = np.isfinite(places_m).all(axis=-1)
-    pixels = np.full(places_m.shape, np.nan)
-    if known.any():
-        scale = np.array([clip.width_px / width, clip.height_px / height])
-        # A pixel's middle has whole coordinates, in both pictures.
-        pixels[known] = (project_px(camera, places_m[known], 1.0) - (left, top) + 0.5) * scale - 0.5
-    return pixels
+    scale = np.array([clip.width_px / width, clip.height_px / height])
+    # A pixel's middle has whole coordinates, in both pictures.
+    return np.asarray((project_px(camera, places_m) - (left, top) + 0.5) * scale - 0.5)
 
 
 def _finding(film: Film, closest: int | None, miss: str, worst: int | None, runs: int) -> str:
@@ -202,10 +188,10 @@ def _tile(clip: Clip, film: Film, number: int, measured_px: Array, fitted_px: Ar
     return StripTile(picture.frame, k, text, picture.webp, path_of(measured_px[k]), path_of(fitted_px[k]))
 
 
-def _stepped(pixels: Array) -> NDArray[np.int16]:
-    """Return places as whole steps of a pixel."""
-    steps = np.rint(STEPS_PER_PX * pixels)
-    return np.where(np.abs(steps) < -MISSING, steps, MISSING).astype("<i2")
+def whole_steps(places: Array) -> str:
+    """Return places in a step of the page, rounded to two bytes each, in base64."""
+    steps = np.rint(places)
+    return in_base64(np.where(np.abs(steps) < -MISSING, steps, MISSING).astype("<i2"))
 
 
 def _numbers(film: Film) -> NDArray[np.float32]:
@@ -214,8 +200,9 @@ def _numbers(film: Film) -> NDArray[np.float32]:
     return (1e3 * np.column_stack(columns)).astype("<f4")
 
 
-def _base64(values: NDArray[np.generic]) -> str:
-    return base64.b64encode(np.ascontiguousarray(values).tobytes()).decode()
+def in_base64(values: NDArray[np.generic]) -> str:
+    """Return the bytes of an array in base64."""
+    return base64.b64encode(values.tobytes()).decode()
 
 
 def _height(length_m: Array, highest_m: float) -> Array:

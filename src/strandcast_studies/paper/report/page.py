@@ -5,8 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from strandcast.errors import StrandcastError
-from strandcast.records.provenance import group_by_versions
-from strandcast.records.summary import ExperimentSummary, VersionGroup
+from strandcast.records.summary import ExperimentSummary, VersionGroup, group_by_versions
 from strandcast.report.pages import render
 from strandcast.report.panels.content import Panel, PanelContent, Table, make_sections
 from strandcast.report.provenance import mixed_versions, version_tables
@@ -169,7 +168,7 @@ def _made_with(runs: list[RunResults]) -> list[VersionGroup]:
         except StrandcastError:
             continue
         pairs += [(each.run.experiment, group.versions) for group in groups]
-    return [VersionGroup(versions=found, files=names) for found, names in group_by_versions(pairs)]
+    return group_by_versions(pairs)
 
 
 def _hash(path: Path, run: PaperRun) -> str:
