@@ -8,16 +8,14 @@ from typing import Annotated, Any
 import typer
 
 from strandcast.core.trial_names import LAST_TRIAL
-from strandcast.records.folders import project_root, trial_folders
+from strandcast.records.folders import known_experiments, project_root, trial_folders
 
 ROOT = project_root()
 
 
 def complete_experiment(incomplete: str) -> list[str]:
     """Return the experiments that a shell may complete a name to."""
-    found = {path.parent.name for path in ROOT.glob("data/*/experiment.yaml")}
-    found |= {path.stem for path in ROOT.glob("config/experiments/*.yaml")}
-    return sorted(name for name in found if name.startswith(incomplete))
+    return [name for name in known_experiments(ROOT) if name.startswith(incomplete)]
 
 
 def complete_trial(context: typer.Context, incomplete: str) -> list[str]:

@@ -80,5 +80,4 @@ def _run(as_json: bool, stage: str, subject: str, *arguments: Any) -> None:
         files = files_of(stage, ROOT, *arguments)
         with usage_written(files.usage) if WITHIN_WORKFLOW in os.environ else nullcontext():
             run_stage(stage, ROOT, *arguments)
-    made = [path for paths in files.stage.output_files(files.job).values() for path in paths]
-    show(as_json, {"stage": stage, "experiment": arguments[0], "files": made}, ())
+    show(as_json, {"stage": stage, "experiment": arguments[0], "files": files.all_outputs()}, ())

@@ -9,6 +9,7 @@ from pathlib import Path
 
 from strandcast.config.experiment import Experiment
 from strandcast.errors import StrandcastError
+from strandcast.records.folders import known_experiments
 
 NO_PROJECT = "change to a project's folder, or make one: strandcast new FOLDER"
 NAME = r"[a-z0-9][a-z0-9-]{0,63}"
@@ -65,10 +66,7 @@ def find_experiment(name: str, root: Path) -> Path:
     for path in (own, shipped):
         if path.is_file():
             return path
-    known = sorted(
-        {p.parent.name for p in root.glob("data/*/experiment.yaml") if p.is_file()}
-        | {p.stem for p in root.glob("config/experiments/*.yaml")}
-    )
+    known = [each for each in known_experiments(root) if each != name]
     misspelt = _misspelt(own)
     near = difflib.get_close_matches(name, known, n=1)
     fix = f"known: {', '.join(known)}" if known else NO_PROJECT

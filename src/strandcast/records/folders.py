@@ -195,6 +195,16 @@ def _video_suffixes(packages: tuple[str, ...]) -> tuple[str, ...]:
     return (*built_in, *(suffix for suffix in others if suffix not in built_in))
 
 
+def own_experiments(root: Path) -> list[str]:
+    """Return the experiments under data/."""
+    return sorted(path.parent.name for path in root.glob("data/*/experiment.yaml"))
+
+
+def known_experiments(root: Path) -> list[str]:
+    """Return the experiments under data/ and those that ship with the project."""
+    return sorted({*own_experiments(root), *(path.stem for path in root.glob("config/experiments/*.yaml"))})
+
+
 def trial_folders(parent: Path) -> dict[int, Path]:
     """Return the folders of trials in a folder by number, in the order of the numbers."""
     numbered = ((trial_number(path.name), path) for path in entries_of(parent))

@@ -9,7 +9,7 @@ from strandcast.records.listing import file_exists
 from strandcast.stages import CALLED_BY_NAME, files
 from strandcast.stages.context import Context
 from strandcast.stages.declarations import STAGES
-from strandcast.stages.job import Job
+from strandcast.stages.job import Files, Job
 
 
 class Step(NamedTuple):
@@ -60,8 +60,7 @@ def producers(context: Context, trials: Iterable[int]) -> dict[Path, Step]:
     return {
         path: step
         for step in steps
-        for paths in STAGES[step.stage].output_files(Job(context, step.trial)).values()
-        for path in paths
+        for path in Files(STAGES[step.stage], Job(context, step.trial)).all_outputs()
     }
 
 

@@ -29,8 +29,8 @@ from strandcast.workflow.pages import render_pages
 from strandcast.workflow.pending import changed_raw_files, lost_results
 from strandcast.workflow.project import DEFAULT_PROFILE, executor_of, profile
 from strandcast.workflow.slurm import SLURM, require_slurm, status_options
-from strandcast.workflow.status import is_fresh, known_trials
-from strandcast.workflow.targets import default_experiments, experiment, targets_of
+from strandcast.workflow.status import is_fresh
+from strandcast.workflow.targets import default_experiments, experiment, known_trials, targets_of
 from strandcast.workflow.verify import Finding, verify
 
 LEAST_CORES = 2

@@ -13,11 +13,11 @@ from strandcast.errors import StrandcastError
 from strandcast.records.known_hashes import remembered
 from strandcast.records.lineage import relative_to
 from strandcast.records.record import read_json
-from strandcast.records.verdict import Verdict
 from strandcast.stages.context import Context, context_of
 from strandcast.stages.producers import Step, play_command, recording_advice, steps_of, to_correct_first
 from strandcast.workflow.locks import living_owner
 from strandcast.workflow.pending import StepState, tasks_of
+from strandcast.workflow.targets import known_trials
 from strandcast.workflow.verify import Finding, verify
 
 State = Literal["done", "stale", "missing", "failed", "damaged", "excluded"]
@@ -135,24 +135,6 @@ def is_fresh(context: Context) -> bool:
     """Return whether a run would find nothing to do: all results are there, and as their notes say."""
     trials, more = known_trials(context)
     return not more and not any(task.runs or task.problem for task in tasks_of(context, trials, {}).values())
-
-
-def known_trials(context: Context) -> tuple[list[int], bool]:
-    """Return the trials that the page covers, and whether the lab throws one that has no verdict yet."""
-    settings, folder = context.settings, context.folder
-    if settings.lab is None:
-        return folder.recorded_trials(), False
-    numbers: list[int] = []
-    for number in range(1, settings.max_trials + 1):
-        numbers.append(number)
-        if context.counted([number]):
-            try:
-                hit = Verdict.read(folder.trial(number).results / "verdict.json").hit
-            except StrandcastError:
-                return numbers, True
-            if hit and number >= settings.min_trials:
-                break
-    return numbers, False
 
 
 def _trial(

@@ -5,21 +5,20 @@ All paths are relative to the project's root, where Snakemake runs.
 
 import difflib
 import re
-from collections.abc import Callable, Iterable
-from contextlib import suppress
+from collections.abc import Callable, Iterable, Iterator
 from functools import cache
 from pathlib import Path
 
 from strandcast.config.find import NAME
 from strandcast.core.trial_names import PREFIX, TRIAL_DIGITS, trial_digits, trial_name
 from strandcast.errors import StrandcastError
-from strandcast.records.folders import ExperimentFolder, trial_folders
+from strandcast.records.folders import ExperimentFolder, known_experiments, own_experiments, trial_folders
 from strandcast.records.listing import file_exists
 from strandcast.records.verdict import Verdict
 from strandcast.stages import code_version, files
 from strandcast.stages.context import Context, context_of
 from strandcast.stages.declarations import STAGES
-from strandcast.stages.job import Job, Pattern
+from strandcast.stages.job import Files, Job, Pattern
 
 ROOT = Path()
 DEMO = "demo"
@@ -35,16 +34,6 @@ NEVER = "(?!)"  # the pattern that matches nothing
 EXPERIMENT = rf"(?!paper(?:-quick)?(?:/|$)){NAME}"
 TRIAL = TRIAL_DIGITS
 CAMERA = r"[a-z0-9][a-z0-9_-]{0,31}"
-
-
-def own_experiments(root: Path = ROOT) -> list[str]:
-    """Return the experiments under data/."""
-    return sorted(path.parent.name for path in root.glob("data/*/experiment.yaml"))
-
-
-def known_experiments(root: Path = ROOT) -> list[str]:
-    """Return the experiments under data/ and those that ship with the project."""
-    return sorted({*own_experiments(root), *(path.stem for path in root.glob("config/experiments/*.yaml"))})
 
 
 def default_experiments(root: Path = ROOT) -> list[str]:
@@ -141,7 +130,7 @@ def stage_inputs(
     that were made with an input.
     """
     job = Job(experiment(name), trial, tuple(trials))
-    found = STAGES[stage].input_files(job)
+    found = {role: find(job) for role, find in STAGES[stage].inputs.items()}
     if all_read:
         records = {path for paths in found.values() for path in paths}
         found |= {
@@ -185,17 +174,32 @@ def trials_of(name: str, verdict_of: Callable[[str], str], root: Path = ROOT) ->
         Returns the path of the verdict of a trial, given as ``01`` or ``100``, once it exists.
     """
     context = experiment(name, root)
-    limits = context.settings
-    if limits.lab is None:
+    if context.settings.lab is None:
         return context.folder.recorded_trials()
-    thrown: list[int] = []
-    for number in range(1, limits.max_trials + 1):
-        thrown.append(number)
+    return list(_trials_in_lab(context, lambda number: verdict_of(trial_digits(number))))
+
+
+def known_trials(context: Context) -> tuple[list[int], bool]:
+    """Return the trials that the page covers, and whether the lab throws one that has no verdict yet."""
+    if context.settings.lab is None:
+        return context.folder.recorded_trials(), False
+    numbers: list[int] = []
+    try:
+        for number in _trials_in_lab(context, lambda k: context.folder.trial(k).results / "verdict.json"):
+            numbers.append(number)
+    except StrandcastError:
+        return numbers, True
+    return numbers, False
+
+
+def _trials_in_lab(context: Context, verdict_of: Callable[[int], str | Path]) -> Iterator[int]:
+    """Yield the trials of the lab until a hit; each verdict is read before the next trial."""
+    for number in range(1, context.settings.max_trials + 1):
+        yield number
         if context.counted([number]):
-            verdict = Verdict.read(verdict_of(trial_digits(number)))
+            verdict = Verdict.read(verdict_of(number))
             if context.is_last(number, bool(verdict.hit)):
-                break
-    return thrown
+                return
 
 
 def targets_of(name: str, until: str | None = None, root: Path = ROOT) -> list[str]:
@@ -220,15 +224,15 @@ def targets_of(name: str, until: str | None = None, root: Path = ROOT) -> list[s
             field="--until",
             fix=(f"did you mean {near[0]}?" if near else f"one of {', '.join(known)}").replace("_", "-"),
         )
-    trials = _trials_so_far(name, root)
+    trials, _ = known_trials(context)
     if stage == "plan":
         trials = [max(trials, default=0) + 1]  # the next motion
     found: list[str] = []
     for trial in trials or [0]:
         job = Job(context, trial, tuple(trials))
         made_by = "register_track" if stage in WITH_CAMERA and files.supplied(job, trial) else stage
-        outputs = STAGES[made_by].output_files(job)
-        if not trials and any(trial_name(0) in path.parts for paths in outputs.values() for path in paths):
+        outputs = Files(STAGES[made_by], job).all_outputs()
+        if not trials and any(trial_name(0) in path.parts for path in outputs):
             raise StrandcastError(
                 "SC-W021",
                 f"{name} has no trial yet, and {until} needs one",
@@ -237,7 +241,7 @@ def targets_of(name: str, until: str | None = None, root: Path = ROOT) -> list[s
                 if context.settings.target_m is None
                 else f"plan the first motion: strandcast plan {name} 1; then throw it, or import its track",
             )
-        found += [path.relative_to(root).as_posix() for paths in outputs.values() for path in paths]
+        found += [path.relative_to(root).as_posix() for path in outputs]
     return list(dict.fromkeys(found))
 
 
@@ -247,18 +251,3 @@ def _runs(stage: str, context: Context) -> bool:
     if stage in ("lab_calibrate", "lab_throw", "lab_capture") and context.settings.lab is not None:
         return (stage == "lab_capture") == context.settings.lab_captures
     return not stage.startswith("lab_")
-
-
-def _trials_so_far(name: str, root: Path) -> list[int]:
-    context = experiment(name, root)
-    if context.settings.lab is None:
-        return context.folder.recorded_trials()
-    asked: list[int] = []
-
-    def verdict_of(trial: str) -> str:
-        asked.append(int(trial))
-        return str(context.folder.trial(int(trial)).results / "verdict.json")
-
-    with suppress(StrandcastError):  # that one is not thrown yet
-        return trials_of(name, verdict_of, root)
-    return list(range(1, asked[-1] + 1))
