@@ -1,7 +1,7 @@
 """What several commands share: arguments and their completion, and how results are printed."""
 
 import json
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -70,6 +70,22 @@ def show(as_json: bool, data: dict[str, Any], lines: Iterable[str]) -> None:
     else:
         for line in lines:
             print(line)
+
+
+def table_lines(title: str, heads: Iterable[str], rows: Iterable[Iterable[str]]) -> Iterator[str]:
+    """Yield the lines of a table in rich's markup; off a terminal each row is one line."""
+    from rich.console import Console
+    from rich.table import Table
+
+    table = Table(*heads, box=None, pad_edge=False, header_style="bold")
+    for row in rows:
+        table.add_row(*row)
+    console = Console()
+    if not console.is_terminal:
+        console = Console(width=10_000, color_system=None)
+    with console.capture() as capture:
+        console.print(f"[bold]{title}[/bold]", table, sep="\n", highlight=False)
+    yield from (line.rstrip() for line in capture.get().splitlines())
 
 
 def _plain(value: Any) -> Any:

@@ -11,6 +11,8 @@ from strandcast.stages.context import Context
 from strandcast.stages.declarations import STAGES
 from strandcast.stages.job import Files, Job
 
+BY_CAMERA = ("ingest", "track", "reconstruct", "clip", "align")  # a supplied track needs none of them
+
 
 class Step(NamedTuple):
     """A stage of one trial; trial 0: of the whole experiment."""
@@ -44,8 +46,7 @@ def steps_of(context: Context, trial: int) -> list[Step]:
         motion = ["register_motion"]
     else:
         motion = [] if folder.raw_files() or context.settings.target_m is None else ["plan"]
-    by_camera = ["ingest", "track", "reconstruct", "clip", "align"]
-    measured = ["register_track"] if files.supplied(Job(context), trial) else by_camera
+    measured = ("register_track",) if files.supplied(Job(context), trial) else BY_CAMERA
     return [Step(stage, trial) for stage in (*motion, *measured, "score", "estimate", "report")]
 
 

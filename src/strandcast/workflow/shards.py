@@ -11,10 +11,11 @@ from functools import cache
 from strandcast.core.trial_names import trial_name
 from strandcast.records.folders import files_of_video
 from strandcast.records.listing import size_bytes_of
+from strandcast.stages.producers import BY_CAMERA
 from strandcast.workflow.targets import experiment, supplied_trials
 
 # What a throw needs before it is fitted. In the lab, the next throw depends on the fit: all is one chain.
-OF_A_THROW = ("ingest", "track", "reconstruct", "clip", "align", "score")
+OF_A_THROW = (*BY_CAMERA, "score")
 THROWS = "throws"  # ends the names of these groups; a profile's `group-components` says how many are merged
 
 # Measured: the two Snakemakes of a job take 350 MB; stages of the demo at most 450 MB, but `track` 613 MB.

@@ -46,7 +46,7 @@ from strandcast.workflow.locks import lease, living_owner
 from strandcast.workflow.pending import tasks_of
 from strandcast.workflow.watched_folder import (
     PICTURE_FOLDER,
-    Unsettled,
+    Unusable,
     are_complete,
     copy_film,
     facts_of,
@@ -85,10 +85,6 @@ class Person(Protocol):
 
     def show_pages(self, text: str) -> None:
         """Show that the pages have changed."""
-
-
-class Unusable(Exception):
-    """Why a throw cannot be used, or must not be made, in one sentence."""
 
 
 class Elsewhere(NamedTuple):
@@ -232,7 +228,7 @@ def _arrivals(context: Context, record: dict[str, Any], trial: TrialFolder) -> A
     """Return a function that finds what has come into the watched folder since a trial was thrown."""
     given, before = context.settings.sitting.folder, None
     folder = context.folder.root / (given or "")
-    with suppress(Unsettled):
+    with suppress(Unusable):
         if given is not None:  # thrown by another command: what comes from now on
             before = (record["folder"] if record.get("trial") == trial.number else None) or listing(folder)
     return lambda suffixes: [] if before is None else new_files(folder, before, suffixes)
@@ -427,10 +423,7 @@ def _make_ready(
         raise Unusable("another motion was planned meanwhile")
     if (owner := living_owner(sitting.root, sitting.name)) is not None:
         raise Unusable(f"another run has not ended: {owner}")
-    try:
-        before = None if given is None else listing(context.folder.root / given)
-    except Unsettled as reason:
-        raise Unusable(str(reason)) from reason
+    before = None if given is None else listing(context.folder.root / given)
     _write_record(context, {"trial": trial.number, "folder": before, "thrown": False})
     if hand_over:
         trial.data.mkdir(parents=True, exist_ok=True)

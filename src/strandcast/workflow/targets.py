@@ -19,16 +19,10 @@ from strandcast.stages import code_version, files
 from strandcast.stages.context import Context, context_of
 from strandcast.stages.declarations import STAGES
 from strandcast.stages.job import Files, Job, Pattern
+from strandcast.stages.producers import BY_CAMERA
 
 ROOT = Path()
 DEMO = "demo"
-WITH_CAMERA = (
-    "ingest",
-    "track",
-    "reconstruct",
-    "clip",
-    "align",
-)  # a supplied track needs none of these stages
 NEVER = "(?!)"  # the pattern that matches nothing
 # results/paper and results/paper-quick are not experiments: they hold the summaries of many.
 EXPERIMENT = rf"(?!paper(?:-quick)?(?:/|$)){NAME}"
@@ -150,16 +144,6 @@ def stage_outputs(stage: str) -> dict[str, Pattern]:
     return dict(STAGES[stage].outputs)
 
 
-def arm_files(name: str) -> list[str]:
-    """Return the file of an experiment's arm, and its URDF."""
-    return [str(path) for path in files.arm(Job(experiment(name)))]
-
-
-def settings_at(name: str, *paths: str) -> str:
-    """Return some settings of an experiment, as one line of JSON."""
-    return code_version.settings_at(experiment(name).settings, *paths)
-
-
 def stage_settings(stage: str, name: str, trial: int = 0) -> str:
     """Return the settings that a stage reads, as one line of JSON."""
     return code_version.settings(Job(experiment(name), trial), stage)
@@ -230,7 +214,7 @@ def targets_of(name: str, until: str | None = None, root: Path = ROOT) -> list[s
     found: list[str] = []
     for trial in trials or [0]:
         job = Job(context, trial, tuple(trials))
-        made_by = "register_track" if stage in WITH_CAMERA and files.supplied(job, trial) else stage
+        made_by = "register_track" if stage in BY_CAMERA and files.supplied(job, trial) else stage
         outputs = Files(STAGES[made_by], job).all_outputs()
         if not trials and any(trial_name(0) in path.parts for path in outputs):
             raise StrandcastError(
