@@ -62,7 +62,9 @@ def _edited(text: str, trial: int, reason: str | None) -> str:
     newline = "\r\n" if "\r\n" in text else "\n"
     lines = text.splitlines()
     first, last = _place(text, lines)
-    yaml = _yaml()
+    yaml = YAML(typ="rt")
+    yaml.width, yaml.preserve_quotes = WIDEST, True
+    yaml.indent(mapping=2, sequence=4, offset=2)
     block = yaml.load("\n".join(lines[first:last])) or CommentedMap()
     trials = block.get(KEY) or CommentedSeq()
     at = next((k for k, each in enumerate(trials) if each["trial"] == trial), None)
@@ -91,13 +93,6 @@ def _place(text: str, lines: list[str]) -> tuple[int, int]:
     while last > first + 1 and (not lines[last - 1].strip() or lines[last - 1].startswith("#")):
         last -= 1  # comments of the next setting
     return first, last
-
-
-def _yaml() -> YAML:
-    yaml = YAML(typ="rt")
-    yaml.width, yaml.preserve_quotes = WIDEST, True
-    yaml.indent(mapping=2, sequence=4, offset=2)
-    return yaml
 
 
 def _dumped(yaml: YAML, block: CommentedMap) -> list[str]:

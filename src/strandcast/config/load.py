@@ -106,14 +106,7 @@ def _with_cameras(data: dict[str, Any]) -> dict[str, Any]:
 
 
 def _plain(node: Any) -> Any:
-    """Return YAML nodes as plain data."""
+    """Return YAML's maps and lists as plain ones, with text as keys."""
     if isinstance(node, CommentedMap):
         return {str(key): _plain(value) for key, value in node.items()}
-    if isinstance(node, CommentedSeq):
-        return [_plain(value) for value in node]
-    if isinstance(node, bool):
-        return bool(node)
-    for kind in (int, float, str):
-        if isinstance(node, kind):
-            return kind(node)
-    return node
+    return [_plain(value) for value in node] if isinstance(node, CommentedSeq) else node

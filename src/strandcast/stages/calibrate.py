@@ -1,5 +1,6 @@
 """Photos of the board and of the plane of motion to the camera record, and a picture of the result."""
 
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -26,7 +27,6 @@ from strandcast.records.camera import Camera, Lens
 from strandcast.records.files import atomic_write
 from strandcast.records.lineage import note_picture
 from strandcast.records.manifest import Manifest
-from strandcast.stages.cameras import warn_of_former
 from strandcast.stages.context import Context
 from strandcast.stages.job import Files, Job
 from strandcast.stages.photos import given_pictures
@@ -47,13 +47,21 @@ def run(job: Job, files: Files) -> None:
     """Write the camera's picture and record."""
     from strandcast.camera.picture import camera_picture  # heavy: others read photos with this module
 
-    warn_of_former(job.context)
+    _warn_of_former(job.context)
     fit = _by_tracker if job.context.settings.camera.scale == "tracker" else camera_by_markers
     camera, picture = fit(job.context, files)
     with atomic_write(files.output("picture")) as temporary:
         Image.fromarray(camera_picture(picture, camera)).save(temporary, "WEBP", quality=82, method=4)
     note_picture(files.output("picture"))
     camera.write(files.output("camera"))
+
+
+def _warn_of_former(context: Context) -> None:
+    """Warn of a record where version 0.1 had that of the only camera, which no stage reads."""
+    former = context.folder.results / "camera.json"
+    if former.is_file():
+        now = context.folder.camera(context.settings.camera_name)
+        print(f"warning: {former} is not read; the camera's record is now {now}", file=sys.stderr)
 
 
 def camera_by_markers(context: Context, files: Files) -> tuple[Camera, np.ndarray]:
