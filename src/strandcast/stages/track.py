@@ -12,9 +12,9 @@ from strandcast.records.lineage import note_picture
 from strandcast.records.manifest import Manifest
 from strandcast.records.observations import MarkerShape, write_observations
 from strandcast.records.track import TrackSummary
-from strandcast.stages.background import given_background
 from strandcast.stages.context import Context, aimed_at, free_length_m
 from strandcast.stages.job import Files, Job
+from strandcast.stages.photos import given_background
 from strandcast.tracking.observe import observe
 from strandcast.tracking.registry import track
 from strandcast.tracking.result import Tracked
