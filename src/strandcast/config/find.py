@@ -121,7 +121,16 @@ def find_arm(experiment: Experiment, experiment_file: Path, root: Path) -> Path:
     for folder, name in zip(folders, (f"{experiment.arm}.toml", experiment.arm), strict=True):
         path = folder / name
         if path.is_file():
-            return _within(folders, path, experiment_file)
+            real = path.resolve()
+            if any(real.is_relative_to(within.resolve()) for within in folders):
+                return path
+            raise StrandcastError(
+                "SC-F010",
+                f"{real} lies outside {' and '.join(map(str, folders))}",
+                file=experiment_file,
+                field="arm",
+                fix="copy the arm's file and its URDF into one of these folders",
+            )
     known = sorted(p.stem for p in root.glob("config/arms/*.toml"))
     raise StrandcastError(
         "SC-F001",
@@ -129,17 +138,4 @@ def find_arm(experiment: Experiment, experiment_file: Path, root: Path) -> Path:
         file=experiment_file,
         field="arm",
         fix=f"one of {', '.join(known)}, or the path of an arm's file",
-    )
-
-
-def _within(folders: tuple[Path, ...], path: Path, experiment_file: Path) -> Path:
-    real = path.resolve()
-    if any(real.is_relative_to(folder.resolve()) for folder in folders):
-        return path
-    raise StrandcastError(
-        "SC-F010",
-        f"{real} lies outside {' and '.join(map(str, folders))}",
-        file=experiment_file,
-        field="arm",
-        fix="copy the arm's file and its URDF into one of these folders",
     )

@@ -20,7 +20,6 @@ from strandcast.camera.plane import (
 from strandcast.camera.pose import PlacedMarker
 from strandcast.camera.printed_board import PrintedBoard, identify_board
 from strandcast.config.camera import Board, CameraSettings
-from strandcast.config.experiment import Experiment
 from strandcast.errors import StrandcastError
 from strandcast.progress import progress
 from strandcast.records.camera import Camera, Lens
@@ -66,7 +65,7 @@ def _warn_of_former(context: Context) -> None:
 
 def camera_by_markers(context: Context, files: Files) -> tuple[Camera, np.ndarray]:
     """Fit the lens to photos or a video of the board, the plane to a photo of its markers or board."""
-    settings, plane = context.settings, files.input("plane")
+    settings, plane, box = context.settings, files.input("plane"), context.settings.workspace_m
     [picture] = read_photos_of(context, [plane])
     lens, printed = _lens(context, files)
     markers, dictionary, shown, warnings = plane_markers_of(settings.camera, picture, str(plane), printed)
@@ -76,23 +75,18 @@ def camera_by_markers(context: Context, files: Files) -> tuple[Camera, np.ndarra
         markers,
         dictionary,
         file=str(plane),
-        geometry=_plane_geometry(settings),
+        geometry=PlaneGeometry(
+            settings.camera.string_offset_m,
+            settings.camera.string_offset_sd_m,
+            settings.camera.plane.place_sd_m,
+            None if box is None else (box.x_m, box.y_m),
+        ),
         on_board=settings.camera.plane.board is not None,
     )
     camera.warnings = warnings + camera.warnings
     if settings.lab is None and "string_offset_m" not in settings.camera.model_fields_set:
         camera.warnings += unmeasured_offset_warnings(camera)
     return camera, picture
-
-
-def _plane_geometry(settings: Experiment) -> PlaneGeometry:
-    camera, box = settings.camera, settings.workspace_m
-    return PlaneGeometry(
-        camera.string_offset_m,
-        camera.string_offset_sd_m,
-        camera.plane.place_sd_m,
-        None if box is None else (box.x_m, box.y_m),
-    )
 
 
 def _lens(context: Context, files: Files) -> tuple[Lens, PrintedBoard | None]:
