@@ -1,6 +1,7 @@
 """The experiment that a stage works on: its settings and its folders."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -55,6 +56,16 @@ def context_of(root: Path, name: str) -> Context:
     """Find and read an experiment."""
     file = find_experiment(name, root)
     return Context(name, load_experiment(file), file, ExperimentFolder(root, name))
+
+
+@contextmanager
+def about_settings(context: Context) -> Iterator[None]:
+    """Let an error that names no file be about a request in the experiment's file."""
+    try:
+        yield
+    except StrandcastError as error:
+        error.file = error.file or str(context.file)
+        raise
 
 
 def refuse_replacing(path: Path, replace: bool) -> None:

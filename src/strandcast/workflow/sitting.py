@@ -17,7 +17,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, NamedTuple, Protocol
+from typing import Any, Protocol
 
 from filelock import FileLock, Timeout
 
@@ -27,7 +27,7 @@ from strandcast.executor.drivers.protocol import Driver
 from strandcast.executor.drivers.registry import driver_of_arm
 from strandcast.executor.dry_run_report import dry_run_report
 from strandcast.executor.play import play
-from strandcast.executor.preflight import PlayOptions, Preflight, read_motion, run_preflight
+from strandcast.executor.preflight import Elsewhere, PlayOptions, Preflight, read_motion, run_preflight
 from strandcast.imports.joints import Reading
 from strandcast.imports.ros_bags import SUFFIXES as BAGS
 from strandcast.progress import print_line, set_context
@@ -85,13 +85,6 @@ class Person(Protocol):
 
     def show_pages(self, text: str) -> None:
         """Show that the pages have changed."""
-
-
-class Elsewhere(NamedTuple):
-    """In place of the driver, for an arm that another computer moves: what is asked before a throw."""
-
-    rate_hz: float
-    streams: bool = False
 
 
 @dataclass(frozen=True)
