@@ -41,7 +41,7 @@ def status(
             refused.append(problem)
     overlooked = [] if experiments else overlooked_experiments(ROOT)
     data: dict[str, Any] = {
-        "experiments": [_data(each) for each in found],
+        "experiments": [asdict(one) | {"damaged": [each._asdict() for each in one.damaged]} for one in found],
         "problems": [each.to_json() for each in refused],
     }
     data["overlooked"] = [each.to_json() for each in overlooked]
@@ -49,15 +49,6 @@ def status(
     for message in (*map(str, refused), *(each.message("WARNING") for each in overlooked)):
         print(message, file=sys.stderr)
     raise typer.Exit(max((each.exit_code for each in refused), default=0))
-
-
-def _data(status: Any) -> dict[str, Any]:
-    data = asdict(status)
-    for trial in data["trials"]:
-        trial["stages"] = [stage._asdict() for stage in trial["stages"]]
-        trial["throw"] = None if trial["throw"] is None else trial["throw"]._asdict()
-    data["damaged"] = [finding._asdict() for finding in data["damaged"]]
-    return data
 
 
 def _lines(status: Any) -> Iterator[str]:

@@ -10,7 +10,7 @@ from strandcast.config.find import overlooked_experiments
 from strandcast.core.trial_names import trial_name
 from strandcast.errors import ENVIRONMENT, INTEGRITY, StrandcastError
 from strandcast.records.estimate import UNDER_PREVIOUS, Estimate
-from strandcast.records.folders import ExperimentFolder, is_project, trial_folders, video_suffixes
+from strandcast.records.folders import ExperimentFolder, is_project, trial_folders
 from strandcast.records.known_hashes import remembered
 from strandcast.records.summary import ExperimentSummary, TrialSummary, miss_in_words
 from strandcast.report.campaign import CampaignTally
@@ -202,16 +202,10 @@ def _read_summary(root: Path, experiment: str) -> ExperimentSummary:
     return ExperimentSummary.read(ExperimentFolder(root, experiment).results / "summary.json")
 
 
-def films(root: Path, experiment: str) -> list[Path]:
-    """Return the videos of an experiment's trials."""
-    folders = trial_folders(ExperimentFolder(root, experiment).data).values()
-    files = [file for folder in folders for file in sorted(folder.glob("video.*"))]
-    return [file for file in files if file.suffix.lower() in video_suffixes()]
-
-
 def table(root: Path, summary: ExperimentSummary) -> list[str]:
     """Return an experiment's trials as lines of text."""
-    page = ExperimentFolder(root, summary.experiment).results / "report.html"
+    folder = ExperimentFolder(root, summary.experiment)
+    page = folder.results / "report.html"
     target = "no target" if summary.target_m is None else f"target {summary.target_m} m"
     lines = [f"{summary.experiment}: string of {summary.string_length_m:g} m, {target}"]
     for trial in summary.trials:
@@ -230,7 +224,7 @@ def table(root: Path, summary: ExperimentSummary) -> list[str]:
         )
     if summary.next_motion_sha256 is not None:
         number = summary.trials[-1].trial + 1 if summary.trials else 1
-        following = ExperimentFolder(root, summary.experiment).trial(number)
+        following = folder.trial(number)
         context = context_of(root, summary.experiment)
         motion = following.results / "motion.json"
         expected = expected_miss(readable_motion(motion))
@@ -242,7 +236,8 @@ def table(root: Path, summary: ExperimentSummary) -> list[str]:
             step = f"{first}; then throw again"
         lines.append(f"  next:   {step}")
     lines.append(f"  report: {page}")
-    return [*lines, *(f"  film:   {film}" for film in films(root, summary.experiment))]
+    films = (film for number in trial_folders(folder.data) for film in folder.trial(number).videos())
+    return [*lines, *(f"  film:   {film}" for film in films)]
 
 
 def _fitted(folder: Path, trial: TrialSummary) -> list[str]:

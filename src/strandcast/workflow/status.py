@@ -5,9 +5,9 @@ It starts nothing and changes nothing. What it calls stale is what `strandcast r
 
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Literal, NamedTuple
+from typing import Literal
 
 from strandcast.errors import StrandcastError
 from strandcast.records.known_hashes import remembered
@@ -27,7 +27,8 @@ CODED = re.compile(r"^(SC-[A-Z]\d{3}) ERROR  (.*)", re.MULTILINE)
 UNCODED = re.compile(r"^\S*(?:Error|Exception|Interrupt)\b.*", re.MULTILINE)  # the last line of a traceback
 
 
-class StageStatus(NamedTuple):
+@dataclass(frozen=True)
+class StageStatus:
     """The state of one stage of one trial.
 
     Attributes
@@ -44,13 +45,14 @@ class StageStatus(NamedTuple):
 
     stage: str
     state: State
-    why: list[str] = []
+    why: list[str] = field(default_factory=list)
     after: str | None = None
     code: str | None = None
     runs: bool = False
 
 
-class PlayedMotion(NamedTuple):
+@dataclass(frozen=True)
+class PlayedMotion:
     """What the arm played in a trial.
 
     Attributes
