@@ -6,7 +6,6 @@ On a single machine, groups and requests have no effect.
 """
 
 import math
-from functools import cache
 
 from strandcast.core.trial_names import trial_name
 from strandcast.records.folders import files_of_video
@@ -38,15 +37,9 @@ def shard_of(stage: str, name: str, trial: int = 0) -> str | None:
         return None if stage == "summary" else name
     if stage == "calibrate":
         return None
-    if stage in OF_A_THROW and trial_name(trial) not in supplied().get(name, ()):
+    if stage in OF_A_THROW and trial_name(trial) not in supplied_trials().get(name, ()):
         return f"{name}.{THROWS}"
     return name
-
-
-@cache
-def supplied() -> dict[str, list[str]]:
-    """Return the trials with a track that was measured elsewhere, by experiment; read once."""
-    return supplied_trials()
 
 
 def memory_mb(stage: str, name: str, trial: int = 0, attempt: int = 1) -> int:

@@ -35,24 +35,24 @@ def default_experiments(root: Path = ROOT) -> list[str]:
     return own_experiments(root) or [DEMO]
 
 
-def lab_experiments(root: Path = ROOT, *, captures: bool | None = None) -> list[str]:
+def lab_experiments(*, captures: bool | None = None) -> list[str]:
     """Return the experiments that the lab throws; an invalid one is reported when it is asked for.
 
     With `captures`, only those that it captures in space, or only those that it films.
     """
-    lab = [name for name in known_experiments(root) if _is_lab(root, name)]
-    return [name for name in lab if captures in (None, experiment(name, root).settings.lab_captures)]
+    lab = [name for name in known_experiments(ROOT) if _is_lab(name)]
+    return [name for name in lab if captures in (None, experiment(name).settings.lab_captures)]
 
 
-def real_experiments(root: Path = ROOT) -> list[str]:
+def real_experiments() -> list[str]:
     """Return the experiments with recordings of a real rig, invalid ones too."""
-    lab = lab_experiments(root)
-    return [name for name in known_experiments(root) if name not in lab]
+    lab = lab_experiments()
+    return [name for name in known_experiments(ROOT) if name not in lab]
 
 
-def _is_lab(root: Path, name: str) -> bool:
+def _is_lab(name: str) -> bool:
     try:
-        return experiment(name, root).settings.lab is not None
+        return experiment(name).settings.lab is not None
     except StrandcastError:
         return False
 
@@ -73,34 +73,35 @@ def other_names_pattern(names: Iterable[str]) -> str:
     return f"(?!(?:{names_pattern(names)})/){EXPERIMENT}"
 
 
-def with_files(*names: str, experiments: Iterable[str], root: Path = ROOT) -> dict[str, list[str]]:
+def with_files(*names: str, experiments: Iterable[str]) -> dict[str, list[str]]:
     """Return the trials that have all of some raw files, by experiment."""
     found = {}
     for name in experiments:
-        folders = trial_folders(root / "data" / name).values()
+        folders = trial_folders(ROOT / "data" / name).values()
         trials = [folder.name for folder in folders if all(file_exists(folder / file) for file in names)]
         if trials:
             found[name] = trials
     return found
 
 
-def supplied_trials(root: Path = ROOT) -> dict[str, list[str]]:
-    """Return the trials whose track and alignment were measured elsewhere, by experiment.
+@cache
+def supplied_trials() -> dict[str, list[str]]:
+    """Return the trials whose track and alignment were measured elsewhere, by experiment; read once.
 
     Of the lab's captures, that is a pattern of them all: they can be named before they exist.
     """
-    there = with_files(*files.SUPPLIED_FILES.values(), experiments=known_experiments(root), root=root)
-    return there | {name: [f"{PREFIX}(?:{TRIAL_DIGITS})"] for name in lab_experiments(root, captures=True)}
+    there = with_files(*files.SUPPLIED_FILES.values(), experiments=known_experiments(ROOT))
+    return there | {name: [f"{PREFIX}(?:{TRIAL_DIGITS})"] for name in lab_experiments(captures=True)}
 
 
-def played_trials(root: Path = ROOT) -> dict[str, list[str]]:
+def played_trials() -> dict[str, list[str]]:
     """Return the trials that a real arm has played with a known motion, by experiment."""
-    return with_files("motion.json", experiments=real_experiments(root), root=root)
+    return with_files("motion.json", experiments=real_experiments())
 
 
-def thrown_trials(root: Path = ROOT) -> dict[str, list[str]]:
+def thrown_trials() -> dict[str, list[str]]:
     """Return the trials with raw files of a real rig, by experiment: no motion is planned over theirs."""
-    found = {name: ExperimentFolder(root, name).thrown_trials() for name in real_experiments(root)}
+    found = {name: ExperimentFolder(ROOT, name).thrown_trials() for name in real_experiments()}
     return {name: [trial_name(number) for number in numbers] for name, numbers in found.items() if numbers}
 
 
@@ -149,7 +150,7 @@ def stage_settings(stage: str, name: str, trial: int = 0) -> str:
     return code_version.settings(Job(experiment(name), trial), stage)
 
 
-def trials_of(name: str, verdict_of: Callable[[str], str], root: Path = ROOT) -> list[int]:
+def trials_of(name: str, verdict_of: Callable[[str], str]) -> list[int]:
     """Return the trials of an experiment: those recorded, or in the lab, all until a hit.
 
     Parameters
@@ -157,7 +158,7 @@ def trials_of(name: str, verdict_of: Callable[[str], str], root: Path = ROOT) ->
     verdict_of
         Returns the path of the verdict of a trial, given as ``01`` or ``100``, once it exists.
     """
-    context = experiment(name, root)
+    context = experiment(name)
     if context.settings.lab is None:
         return context.folder.recorded_trials()
     return list(_trials_in_lab(context, lambda number: verdict_of(trial_digits(number))))
