@@ -24,7 +24,7 @@ from strandcast.film.track import track_film
 from strandcast.planning.rollouts import RolloutConditions, commands, simulate_rollouts
 from strandcast.records.alignment import Alignment
 from strandcast.records.estimate import Estimate
-from strandcast.records.folders import TrialFolder, known_experiments, trial_folders
+from strandcast.records.folders import TrialFolder, known_experiments
 from strandcast.records.load import load
 from strandcast.records.motion import Motion
 from strandcast.records.record import Record
@@ -102,9 +102,7 @@ class ExperimentView:
     @property
     def trials(self) -> Trials:
         """The trials that have files, by number, counted from 1."""
-        folder = self.context.folder
-        numbers = sorted({*trial_folders(folder.data), *trial_folders(folder.results)})
-        return Trials({number: TrialView(self.context, number) for number in numbers})
+        return Trials({k: TrialView(self.context, k) for k in self.context.folder.all_trials()})
 
     @property
     def table(self) -> pd.DataFrame:

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from strandcast.core.trial_names import LAST_TRIAL
-from strandcast.records.folders import known_experiments, project_root, trial_folders
+from strandcast.records.folders import ExperimentFolder, known_experiments, project_root
 
 ROOT = project_root()
 
@@ -21,8 +21,8 @@ def complete_experiment(incomplete: str) -> list[str]:
 def complete_trial(context: typer.Context, incomplete: str) -> list[str]:
     """Return the trials, recorded or planned, of the experiment that the command line names."""
     name = context.params.get("experiment") or ""
-    found = {number for top in ("data", "results") for number in trial_folders(ROOT / top / name)}
-    return [str(number) for number in sorted(found) if str(number).startswith(incomplete)]
+    found = ExperimentFolder(ROOT, name).all_trials()
+    return [str(number) for number in found if str(number).startswith(incomplete)]
 
 
 def experiment_argument(argument: str) -> str:

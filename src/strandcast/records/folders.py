@@ -115,6 +115,10 @@ class ExperimentFolder:
         """Return the numbers of the trials that have any raw file: their motions are not planned again."""
         return [number for number in trial_folders(self.data) if self.trial(number).raw_files()]
 
+    def all_trials(self) -> list[int]:
+        """Return the numbers of the trials that have raw files or results."""
+        return sorted({*trial_folders(self.data), *trial_folders(self.results)})
+
     def reported_trials(self) -> list[int]:
         """Return the numbers of the trials with a page of their own."""
         folders = trial_folders(self.results)
