@@ -37,6 +37,7 @@ PARTLY = (
     "squares_x, squares_y, first_id and legacy of camera.plane.board are not checked where it is cut off; a "
     "wrong one would move the world by whole squares"
 )
+FORMER = "camera.json"  # the place of the only camera's record up to version 0.1
 SEARCHED_FRAMES = 150  # frames of a lens video in which the board is searched; chosen, not sensitive
 # As the sensor recorded it: a phone's orientation tag would rotate the lens model too.
 UNROTATED = cv2.IMREAD_GRAYSCALE | cv2.IMREAD_ANYDEPTH | cv2.IMREAD_IGNORE_ORIENTATION
@@ -56,8 +57,8 @@ def run(job: Job, files: Files) -> None:
 
 
 def _warn_of_former(context: Context) -> None:
-    """Warn of a record where version 0.1 had that of the only camera, which no stage reads."""
-    former = context.folder.results / "camera.json"
+    """Warn of a record in its former place, which no stage reads."""
+    former = context.folder.results / FORMER
     if former.is_file():
         now = context.folder.camera(context.settings.camera_name)
         print(f"warning: {former} is not read; the camera's record is now {now}", file=sys.stderr)
