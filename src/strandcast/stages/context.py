@@ -47,10 +47,6 @@ class Context:
         enough = hit and trial >= self.settings.min_trials and bool(self.counted([trial]))
         return enough or trial >= self.settings.max_trials
 
-    def counted_before(self, trial: int) -> list[int]:
-        """Return the trials before this one that are not excluded."""
-        return self.counted(range(1, trial))
-
 
 def context_of(root: Path, name: str) -> Context:
     """Find and read an experiment."""

@@ -27,7 +27,7 @@ def this(job: Job) -> list[int]:
 
 def past(job: Job) -> list[int]:
     """Return the trials before this one that are not excluded."""
-    return job.context.counted_before(job.trial)
+    return job.context.counted(range(1, job.trial))
 
 
 def latest(job: Job) -> list[int]:

@@ -158,7 +158,8 @@ def run_experiments(root: Path, experiments: list[str], options: RunOptions) -> 
     partial = options.dry_run or options.until is not None
     not_made = waiting if sound and codes[-1] != 0 else damaged
     made = [name for name in names if name not in not_made]
-    summaries = [] if partial else [_read_summary(root, name) for name in made]
+    written = [ExperimentFolder(root, name).results / "summary.json" for name in made]
+    summaries = [] if partial else [ExperimentSummary.read(path) for path in written]
     codes += [INTEGRITY for summary in summaries if summary.all_unread()]
     campaign = None if partial else write_campaign(root)
     return RunResult(max(codes, default=0), state.seen, state.failed, damaged, summaries, refused, campaign)
@@ -196,10 +197,6 @@ def _report_damage(root: Path, experiment: str, damaged: list[Finding], dry_run:
     for finding in damaged:
         print(f"{finding.file}: {finding.what}\n        Fix: {finding.fix}", file=sys.stderr)
     print(f"{experiment}: not run, because of the files above; its pages say so", file=sys.stderr)
-
-
-def _read_summary(root: Path, experiment: str) -> ExperimentSummary:
-    return ExperimentSummary.read(ExperimentFolder(root, experiment).results / "summary.json")
 
 
 def table(root: Path, summary: ExperimentSummary) -> list[str]:
