@@ -24,7 +24,7 @@ from strandcast.film.track import track_film
 from strandcast.planning.rollouts import RolloutConditions, commands, simulate_rollouts
 from strandcast.records.alignment import Alignment
 from strandcast.records.estimate import Estimate
-from strandcast.records.folders import TrialFolder, trial_folders
+from strandcast.records.folders import TrialFolder, known_experiments
 from strandcast.records.load import load
 from strandcast.records.motion import Motion
 from strandcast.records.record import Record
@@ -64,9 +64,7 @@ class Project:
         return ExperimentView(context_of(self.root, name))
 
     def __iter__(self) -> Iterator[str]:
-        own = {path.parent.name for path in self.root.glob("data/*/experiment.yaml")}
-        shipped = {path.stem for path in self.root.glob("config/experiments/*.yaml")}
-        return iter(sorted(own | shipped))
+        return iter(known_experiments(self.root))
 
     def __repr__(self) -> str:
         return f"Project({str(self.root)!r}: {', '.join(self) or 'no experiments'})"
@@ -104,9 +102,7 @@ class ExperimentView:
     @property
     def trials(self) -> Trials:
         """The trials that have files, by number, counted from 1."""
-        folder = self.context.folder
-        numbers = sorted({*trial_folders(folder.data), *trial_folders(folder.results)})
-        return Trials({number: TrialView(self.context, number) for number in numbers})
+        return Trials({k: TrialView(self.context, k) for k in self.context.folder.all_trials()})
 
     @property
     def table(self) -> pd.DataFrame:

@@ -7,10 +7,8 @@ from typing import Any
 from numba.core import event
 from numba.core.caching import UserProvidedCacheLocator
 
-from strandcast.kernel_cache import kernels_sha256
+from strandcast.kernel_cache import PACKAGE, kernels_sha256
 from strandcast.progress import Progress
-
-PACKAGE = Path(__file__).resolve().parent
 
 
 class KernelLocator(UserProvidedCacheLocator):

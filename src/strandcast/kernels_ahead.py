@@ -19,28 +19,8 @@ SIGNATURES = Path(__file__).with_suffix(".json")
 NICENESS = 5
 
 
-def describe(kind: Any) -> Any:
-    """Return a numba type as plain data.
-
-    Raises
-    ------
-    ValueError
-        It is none of numbers, arrays and tuples of these.
-    """
-    if isinstance(kind, types.Array):
-        return ["array", str(kind.dtype), kind.ndim, kind.layout, kind.mutable]
-    if isinstance(kind, (types.NamedTuple, types.NamedUniTuple)):
-        fields = kind.instance_class
-        return ["tuple", f"{fields.__module__}:{fields.__qualname__}", *map(describe, kind.types)]
-    if isinstance(kind, types.BaseTuple):
-        return ["tuple", None, *map(describe, kind.types)]
-    if isinstance(kind, (types.Number, types.Boolean)) and not isinstance(kind, types.Literal):
-        return str(kind)
-    raise ValueError(kind)
-
-
 def type_of(description: Any) -> Any:
-    """Return the numba type that `describe` described."""
+    """Return the numba type that `strandcast_studies.kernel_signatures` describes."""
     if isinstance(description, str):
         return getattr(types, description if description != "bool" else "boolean")
     if description[0] == "array":

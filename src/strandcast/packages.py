@@ -138,15 +138,10 @@ def is_own_opencv() -> bool:
 
 def reinstall(package: str) -> str:
     """Return the command line that installs a package again in this environment, in its present version."""
-    return _install([f"{package}=={installed_version(package)}"], "--force-reinstall", "--no-deps")
+    return install([f"{package}=={installed_version(package)}"], "--force-reinstall", "--no-deps")
 
 
-def install(requirements: Iterable[str]) -> str:
-    """Return the command line that installs what is missing in this environment."""
-    return _install(list(requirements))
-
-
-def _install(requirements: list[str], *options: str) -> str:
+def install(requirements: list[str], *options: str) -> str:
     """Return a command line that installs packages, and before OpenCV removes what would share its folder."""
     others = other_opencvs() if OPENCV in map(requirement_name, requirements) else []
     first = f"{_installer('uninstall', '--yes')} {' '.join(others)} && " if others else ""

@@ -11,12 +11,32 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any, cast
 
+from numba import types
 from numba.core import dispatcher
 
-from strandcast.kernels_ahead import describe
 from strandcast.stages.run import run_stage
 
 STAGES = ("track", "reconstruct", "align", "estimate", "plan", "lab_throw", "calibrate")  # by compile time
+
+
+def describe(kind: Any) -> Any:
+    """Return a numba type as plain data, which `strandcast.kernels_ahead.type_of` reads.
+
+    Raises
+    ------
+    ValueError
+        It is none of numbers, arrays and tuples of these.
+    """
+    if isinstance(kind, types.Array):
+        return ["array", str(kind.dtype), kind.ndim, kind.layout, kind.mutable]
+    if isinstance(kind, (types.NamedTuple, types.NamedUniTuple)):
+        fields = kind.instance_class
+        return ["tuple", f"{fields.__module__}:{fields.__qualname__}", *map(describe, kind.types)]
+    if isinstance(kind, types.BaseTuple):
+        return ["tuple", None, *map(describe, kind.types)]
+    if isinstance(kind, (types.Number, types.Boolean)) and not isinstance(kind, types.Literal):
+        return str(kind)
+    raise ValueError(kind)
 
 
 def note_calls(experiments: list[str], root: Path = Path()) -> dict[str, list[Any]]:

@@ -27,8 +27,7 @@ from strandcast.records.camera import Camera, Lens
 from strandcast.records.summary import ExperimentSummary
 from strandcast.report.panels.camera_picture import camera_picture
 from strandcast.report.panels.page_data import ExperimentPageData
-from strandcast.stages.calibrate import plane_markers_of
-from strandcast.stages.cameras import read_camera, warn_of_former
+from strandcast.stages.calibrate import _warn_of_former, plane_markers_of
 from strandcast.stages.context import context_of
 from strandcast.stages.run import run_stage
 from strandcast.workflow.check import check_experiment
@@ -313,18 +312,12 @@ def test_weak_photos_give_a_warning_with_the_error_at_the_string(board_seen, pla
         assert camera.plane_error.sources_m["lens"] > 1e-4
 
 
-def test_a_record_under_its_former_name_is_not_ignored(project_root, tmp_path, capsys):
+def test_a_record_under_its_former_name_gives_a_warning(tmp_path, capsys):
     folder = tmp_path / "data" / "own"
     folder.mkdir(parents=True)
     (folder / "experiment.yaml").write_text("string: {length_m: 0.3}\ntarget_m: [0.5, 0.5]\n")
     context = context_of(tmp_path, "own")
     former = context.folder.results / "camera.json"
     flat_camera(64, 48, 0.001, (32.0, 24.0)).write(former)
-    with pytest.raises(StrandcastError, match="SC-W030") as caught:
-        read_camera(context, context.folder.camera("main"))
-    assert "cameras/main.json" in caught.value.what
-    warn_of_former(context)
-    assert "camera.json is not read" in capsys.readouterr().err
-    context.folder.camera("main").parent.mkdir()
-    former.rename(context.folder.camera("main"))
-    assert read_camera(context, context.folder.camera("main")).source == "given"
+    _warn_of_former(context)
+    assert "camera.json is not read; the camera's record is now" in capsys.readouterr().err

@@ -15,9 +15,9 @@ from tests.forked import run_module
 
 from strandcast.cli.app import CARE, DAILY, EXCHANGE, SET_UP, app
 from strandcast.cli.app import STAGES as SINGLE
-from strandcast.cli.commands_page import commands_page
 from strandcast.cli.stages import stage_commands
 from strandcast.stages.declarations import STAGES
+from strandcast_studies.commands_page import commands_page
 
 GROUPS = {DAILY, SET_UP, CARE, SINGLE, EXCHANGE}
 
@@ -135,7 +135,9 @@ def test_every_command_has_json_and_a_group(command):
 
 def test_the_page_of_commands_is_current(project_root):
     page = (project_root / "docs" / "reference" / "commands.md").read_text(encoding="utf-8")
-    assert page == commands_page(), "run: python -m strandcast.cli.commands_page > docs/reference/commands.md"
+    assert page == commands_page(), (
+        "run: python -m strandcast_studies.commands_page > docs/reference/commands.md"
+    )
 
 
 def completed(root: Path, words: str) -> list[str]:

@@ -9,8 +9,8 @@ from strandcast.config.estimate import EstimateSettings
 from strandcast.config.fix import fix_names
 from strandcast.config.load import load_experiment
 from strandcast.config.renamed import RENAMED, Renamed, with_new_names
-from strandcast.config.schema import fields
 from strandcast.errors import StrandcastError
+from strandcast_studies.settings_page import fields
 
 HEAD = "string: {length_m: 0.3}\ntarget_m: [0.5, 0.5]\n"
 EXAMPLE = Path(__file__).parents[2] / "config/experiments/demo.yaml"

@@ -7,9 +7,8 @@ import pytest
 from strandcast.config.camera import Board
 from strandcast.config.experiment import Experiment
 from strandcast.config.paper import PAPERS
-from strandcast.config.schema import fields
-from strandcast.config.settings_page import allowed, groups, is_group, papers_groups, settings_page
 from strandcast.config.string import String
+from strandcast_studies.settings_page import allowed, fields, groups, is_group, papers_groups, settings_page
 
 ADVICE = re.compile(r"(^|[.;:] )(Set|Give|Raise|Lower|Change|Use|Leave|Measure)\b")
 ADVICE_FOR_ALL = re.compile(r"(^|[.;:] )(Set|Change) them\b")  # of a group, for its settings
@@ -18,7 +17,7 @@ ADVICE_FOR_ALL = re.compile(r"(^|[.;:] )(Set|Change) them\b")  # of a group, for
 def test_the_page_is_current(project_root):
     page = (project_root / "docs" / "reference" / "settings.md").read_text(encoding="utf-8")
     assert page == settings_page(), (
-        "run: python -m strandcast.config.settings_page > docs/reference/settings.md"
+        "run: python -m strandcast_studies.settings_page > docs/reference/settings.md"
     )
 
 

@@ -11,7 +11,8 @@ import pytest
 import strandcast
 import strandcast_studies
 from strandcast.errors import StrandcastError
-from strandcast.errors.registry import CODES_FILE, errors_page, general_fixes, merged_codes, read_codes
+from strandcast.errors.registry import CODES_FILE, general_fixes, merged_codes, read_codes
+from strandcast_studies.errors_page import errors_page
 
 PROJECT = Path(__file__).resolve().parents[2]
 PRODUCT, STUDIES = (Path(str(package.__file__)).parent for package in (strandcast, strandcast_studies))
@@ -101,4 +102,4 @@ def test_titles_are_unique_and_every_letter_has_a_subject(registry) -> None:
 
 def test_the_documented_codes_are_current() -> None:
     page = (PROJECT / "docs" / "errors.md").read_text(encoding="utf-8")
-    assert page == errors_page(), "run: python -m strandcast.errors > docs/errors.md"
+    assert page == errors_page(), "run: python -m strandcast_studies.errors_page > docs/errors.md"

@@ -125,7 +125,7 @@ def outputs(root: Path, stage: str, trials: tuple[int, ...]) -> list[Path]:
     """Return the files that a job writes."""
     of_all = stage == "summary"
     files = files_of(stage, root, NAME, 0 if of_all else sum(trials), trials if of_all else ())
-    return [path for paths in files.stage.output_files(files.job).values() for path in paths]
+    return files.all_outputs()
 
 
 def fork_job(

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from strandcast.errors import REFUSED, StrandcastError
-from strandcast.stages.background import given_background
 from strandcast.stages.calibrate import UNROTATED
 from strandcast.stages.context import context_of
+from strandcast.stages.photos import given_background
 from strandcast.stages.run import run_stage
 from strandcast.video.isolated import ProcessLimits, read_photos
 

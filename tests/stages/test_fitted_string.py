@@ -48,7 +48,7 @@ from strandcast.records.tables import write_table
 from strandcast.report.panels.parameters import parameters as parameters_panel
 from strandcast.stages.estimate import _planned
 from strandcast.stages.estimate_record import ensemble_table
-from strandcast.stages.plan_inputs import fitted_strings
+from strandcast.stages.past_trials import read_members
 
 LENGTH_M, POINTS = 0.30, 10
 PIPED = mass_layout(LENGTH_M, POINTS, [0.30], [(0.12, 0.18)])
@@ -135,7 +135,7 @@ FITTED = [
 
 def planned_from(path: Path, world: World) -> StringBatch:
     write_table(path, ENSEMBLE, ensemble_table(world.fitted, np.arange(2.0)))
-    return fitted_strings(path, world.layout)
+    return read_members(path, world.layout).thrown()
 
 
 @pytest.mark.parametrize(("name", "world"), FITTED, indirect=["world"])

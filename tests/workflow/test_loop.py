@@ -36,7 +36,8 @@ from strandcast.stages.run import files_of
 from strandcast.workflow import locks
 from strandcast.workflow.pages import render_pages
 from strandcast.workflow.pending import lost_results, tasks_of
-from strandcast.workflow.status import known_trials, status_of
+from strandcast.workflow.status import status_of
+from strandcast.workflow.targets import known_trials
 from strandcast.workflow.verify import verify
 
 RULES = {"report": "report_trial", "summary": "report_experiment"}  # stage -> rule of another name
@@ -73,9 +74,11 @@ def undeclared(root: Path, experiment: str) -> set[str]:
         numbers = [int(number) for number in trials]
         trial = 0 if stage == "summary" else sum(numbers)
         files = files_of(stage.replace("-", "_"), root, experiment, trial, numbers)
-        known = {file.resolve() for file in files.known()}
+        may_read = [file for role in files.stage.may_read for file in files.inputs(role)]
+        declared = [files.job.context.file, *files.all_inputs(), *may_read, *files.all_outputs()]
+        known = {file.resolve() for file in declared}
         # Reading a result checks that its own inputs are still the same.
-        known |= {(root / name).resolve() for file in files.known() for name in inputs_of(file)}
+        known |= {(root / name).resolve() for file in declared for name in inputs_of(file)}
         found |= {f"{stage}: {path}" for path in paths if (root / path).resolve() not in known}
     return found
 

@@ -92,10 +92,10 @@ def test_every_rule_is_a_job_that_another_computer_can_run(root):
 @pytest.fixture
 def here(root, monkeypatch):
     monkeypatch.chdir(root)
-    for cached in (targets.experiment, shards.supplied):
+    for cached in (targets.experiment, targets.supplied_trials):
         cached.cache_clear()
     yield root
-    for cached in (targets.experiment, shards.supplied):
+    for cached in (targets.experiment, targets.supplied_trials):
         cached.cache_clear()
 
 

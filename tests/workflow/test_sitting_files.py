@@ -16,8 +16,8 @@ from strandcast.executor.preflight import PlayOptions
 from strandcast.stages.context import Context, context_of
 from strandcast.workflow import sitting as room
 from strandcast.workflow import watched_folder
-from strandcast.workflow.sitting import Sitting, Unusable, hold, put_aside
-from strandcast.workflow.watched_folder import PICTURE_FOLDER, Unsettled, copy_film, listing, new_files
+from strandcast.workflow.sitting import Sitting, hold, put_aside
+from strandcast.workflow.watched_folder import PICTURE_FOLDER, Unusable, copy_film, listing, new_files
 
 
 class Typing:
@@ -81,7 +81,7 @@ def test_new_films_are_those_since_the_throw_that_are_complete(
     before["device"] -= 1
     monkeypatch.setattr(watched_folder.time, "sleep", lambda _: (films / "new.mp4").open("ab").write(b"more"))
     assert new() == []
-    with pytest.raises(Unsettled, match=r"new\.mp4 in .* still changes"):
+    with pytest.raises(Unusable, match=r"new\.mp4 in .* still changes"):
         listing(films)
     copy_film(films / "pictures", tmp_path / "trial")
     assert (tmp_path / "trial" / "video" / "0001.png").read_bytes() == b"a picture"

@@ -31,9 +31,15 @@ def root(tmp_path, monkeypatch):
         folder.mkdir(exist_ok=True)
         (folder / file).touch()
     monkeypatch.chdir(tmp_path)
-    targets.experiment.cache_clear()
+    forget()
     yield tmp_path
+    forget()
+
+
+def forget() -> None:
+    """Forget what was read of experiments."""
     targets.experiment.cache_clear()
+    targets.supplied_trials.cache_clear()
 
 
 def matches(pattern: str, path: str) -> bool:

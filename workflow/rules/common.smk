@@ -67,11 +67,11 @@ def limit_no_rate():
         workflow.scheduler.job_rate_limiter = None
 
 
-if STORAGE is None:
+if STORAGE is None:  # a job of a cluster makes what Snakemake has sent it for, changed or not
     by_content.decide_by_content(
         reported(by_content.changes)
         if workflow.is_main_process
-        else by_content.no_changes
+        else lambda job: by_content.Changes()
     )
 # Snakemake holds nearly all that it makes until it ends: to look for garbage less often (as Python does
 # after 700 objects) saves a tenth of a run in which nothing is to be done, and costs no memory.

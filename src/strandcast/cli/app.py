@@ -13,7 +13,6 @@ from typer.core import TyperCommand, TyperOption
 from typer.exceptions import TyperException
 
 from strandcast import __version__
-from strandcast.cli.campaign import campaign
 from strandcast.cli.checks import boards, check, preview
 from strandcast.cli.compare import compare
 from strandcast.cli.doctor import doctor
@@ -29,7 +28,7 @@ from strandcast.cli.predict import predict
 from strandcast.cli.rig import rig
 from strandcast.cli.run import RESUMING, run
 from strandcast.cli.simulate import simulate
-from strandcast.cli.stages import stage_commands, summary
+from strandcast.cli.stages import campaign, stage_commands, summary
 from strandcast.cli.status import status
 from strandcast.cli.strings import strings
 from strandcast.cli.throw import throw

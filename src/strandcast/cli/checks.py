@@ -1,14 +1,13 @@
 """Commands that check, preview or print before anything runs: check, boards, preview."""
 
 import shlex
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from strandcast.cli.common import ROOT, AsJson, ExperimentName, Experiments, TrialNumber, show
-from strandcast.errors import REFUSED, StrandcastError
+from strandcast.errors import REFUSED
 from strandcast.records.folders import ExperimentFolder
 
 
@@ -34,7 +33,8 @@ def check(
     found = {name: check_experiment(ROOT, name) for name in names}
     elsewhere = [] if experiments else overlooked_experiments(ROOT)
     for name, each in found.items():
-        wrong = ", ".join(f"{len(some)} {word}" for some, word in _counts(each.errors, each.warnings))
+        counts = ("error", len(each.errors)), ("warning", len(each.warnings))
+        wrong = ", ".join(f"{count} {word}{'s' * (count > 1)}" for word, count in counts if count)
         lines += [f"{name}: {wrong or 'nothing is wrong'}", *(f"  {fact}" for fact in each.facts)]
         lines += [error.message() for error in each.errors]
         lines += [warning.message("WARNING") for warning in each.warnings]
@@ -52,14 +52,6 @@ def check(
     }
     show(as_json, data, [*lines, *(error.message("WARNING") for error in elsewhere)])
     raise typer.Exit(REFUSED if any(each.errors for each in found.values()) else 0)
-
-
-def _counts(
-    errors: list[StrandcastError], warnings: list[StrandcastError]
-) -> Iterator[tuple[list[StrandcastError], str]]:
-    for some, word in ((errors, "error"), (warnings, "warning")):
-        if some:
-            yield some, word if len(some) == 1 else f"{word}s"
 
 
 def boards(

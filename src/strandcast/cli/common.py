@@ -1,30 +1,28 @@
 """What several commands share: arguments and their completion, and how results are printed."""
 
 import json
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
 from strandcast.core.trial_names import LAST_TRIAL
-from strandcast.records.folders import project_root, trial_folders
+from strandcast.records.folders import ExperimentFolder, known_experiments, project_root
 
 ROOT = project_root()
 
 
 def complete_experiment(incomplete: str) -> list[str]:
     """Return the experiments that a shell may complete a name to."""
-    found = {path.parent.name for path in ROOT.glob("data/*/experiment.yaml")}
-    found |= {path.stem for path in ROOT.glob("config/experiments/*.yaml")}
-    return sorted(name for name in found if name.startswith(incomplete))
+    return [name for name in known_experiments(ROOT) if name.startswith(incomplete)]
 
 
 def complete_trial(context: typer.Context, incomplete: str) -> list[str]:
     """Return the trials, recorded or planned, of the experiment that the command line names."""
     name = context.params.get("experiment") or ""
-    found = {number for top in ("data", "results") for number in trial_folders(ROOT / top / name)}
-    return [str(number) for number in sorted(found) if str(number).startswith(incomplete)]
+    found = ExperimentFolder(ROOT, name).all_trials()
+    return [str(number) for number in found if str(number).startswith(incomplete)]
 
 
 def experiment_argument(argument: str) -> str:
@@ -72,6 +70,22 @@ def show(as_json: bool, data: dict[str, Any], lines: Iterable[str]) -> None:
     else:
         for line in lines:
             print(line)
+
+
+def table_lines(title: str, heads: Iterable[str], rows: Iterable[Iterable[str]]) -> Iterator[str]:
+    """Yield the lines of a table in rich's markup; off a terminal each row is one line."""
+    from rich.console import Console
+    from rich.table import Table
+
+    table = Table(*heads, box=None, pad_edge=False, header_style="bold")
+    for row in rows:
+        table.add_row(*row)
+    console = Console()
+    if not console.is_terminal:
+        console = Console(width=10_000, color_system=None)
+    with console.capture() as capture:
+        console.print(f"[bold]{title}[/bold]", table, sep="\n", highlight=False)
+    yield from (line.rstrip() for line in capture.get().splitlines())
 
 
 def _plain(value: Any) -> Any:

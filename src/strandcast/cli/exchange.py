@@ -2,7 +2,7 @@
 
 import re
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
@@ -95,13 +95,8 @@ def import_joints(
         longest = f"longest gap {1000 * worst.duration_s:.1f} ms after row {worst.index + 1}"
         lines.append(f"{lost} samples lost; {longest}")
     lines += [f"warning: {warning}" for warning in run.warnings]
-    found: dict[str, Any] = {
-        "rows": run.rows,
-        "rate_hz": timing.rate_hz,
-        "gaps": len(timing.gaps),
-        "lost": lost,
-    }
-    found |= {"duplicates": timing.duplicates, "warnings": run.warnings}
+    counts = {"rows": run.rows, "rate_hz": timing.rate_hz, "gaps": len(timing.gaps), "lost": lost}
+    found = counts | {"duplicates": timing.duplicates, "warnings": run.warnings}
     show(as_json, {"experiment": experiment, "trial": number or REHEARSAL} | found, lines)
 
 

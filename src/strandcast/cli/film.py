@@ -1,20 +1,11 @@
 """The command that tracks a string in a film without an experiment."""
 
-from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
 from strandcast.cli.common import AsJson, show
-
-
-class Polarity(StrEnum):
-    """Whether the string is brighter or darker than what is behind it."""
-
-    auto = "auto"
-    dark = "dark"
-    bright = "bright"
 
 
 def film(
@@ -36,8 +27,9 @@ def film(
     ] = None,
     points: Annotated[int, typer.Option(min=2, max=100, help="Points beyond the held end.")] = 20,
     polarity: Annotated[
-        Polarity, typer.Option(help="Whether the string is darker or brighter than its background.")
-    ] = Polarity.auto,
+        Literal["auto", "dark", "bright"],
+        typer.Option(help="Whether the string is darker or brighter than its background."),
+    ] = "auto",
     colour: Annotated[str | None, typer.Option(help="Colour of the string: '#c03020'.")] = None,
     frame_rate: Annotated[
         float | None,
@@ -67,7 +59,7 @@ def film(
         scale=scale,
         held=tuple(held or ()),
         points=points,
-        polarity=polarity.value,
+        polarity=polarity,
         colour=colour,
         frame_rate_hz=frame_rate,
         exposure_s=exposure,

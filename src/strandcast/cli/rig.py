@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from typing import Any
 
-from strandcast.cli.common import ROOT, AsJson, ExperimentName, show
+from strandcast.cli.common import ROOT, AsJson, ExperimentName, show, table_lines
 
 
 def rig(experiment: ExperimentName, as_json: AsJson = False) -> None:
@@ -33,27 +33,11 @@ def _lines(experiment: str, state: Any) -> Iterator[str]:
     if state.offsets is None:
         yield "What the arm's file states wrongly is estimated from two trials with a joint log on."
     else:
-        title = f"[bold]{experiment}: the arm's file against the video[/bold]"
-        yield from _table(title, HEADS, offset_rows(state.offsets))
+        rows = ([cell.replace("[", r"\[") for cell in row] for row in offset_rows(state.offsets))
+        yield from table_lines(f"{experiment}: the arm's file against the video", HEADS, rows)
         yield from [f"warning: {words}" for words in state.offsets.warnings] or [
             offsets_finding(state.offsets)
         ]
     for repeat in state.repeats:
         pair = f"trials {repeat.trials[0]} and {repeat.trials[1]}"
         yield f"{pair} repeat a motion: the tips were {1e3 * repeat.tip_m:.1f} mm apart (rms)"
-
-
-def _table(title: str, heads: list[str], rows: list[list[str]]) -> Iterator[str]:
-    """Yield the lines of a table; off a terminal each row is one line."""
-    from rich.console import Console
-    from rich.table import Table
-
-    table = Table(*heads, box=None, pad_edge=False, header_style="bold")
-    for row in rows:
-        table.add_row(*(cell.replace("[", r"\[") for cell in row))
-    console = Console()
-    if not console.is_terminal:
-        console = Console(width=10_000, color_system=None)
-    with console.capture() as capture:
-        console.print(title, table, sep="\n", highlight=False)
-    yield from (line.rstrip() for line in capture.get().splitlines())

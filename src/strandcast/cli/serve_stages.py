@@ -72,7 +72,8 @@ class StageServer:
         self.listener: socket.socket | None = listener
         self.jobs: dict[int, ForkedJob] = {}  # by the connection's descriptor
         self.received: set[int] = set()
-        self.environment = _initial_environment()
+        # With which this process was started: importing this package adds to it.
+        self.environment = _as_environment(Path("/proc/self/environ").read_bytes().split(b"\0"))
         self.folder = str(Path.cwd())
         self.poll = select.poll()
         self.dispositions = {number: signal.getsignal(number) for number in ENDING_SIGNALS}
@@ -186,11 +187,6 @@ class StageServer:
                     self.poll.unregister(job.connection)
                 del self.jobs[descriptor]
                 job.connection.close()
-
-
-def _initial_environment() -> dict[str, str]:
-    """Return the environment with which this process was started: importing this package adds to it."""
-    return _as_environment(Path("/proc/self/environ").read_bytes().split(b"\0"))
 
 
 def _as_environment(items: list[bytes]) -> dict[str, str]:

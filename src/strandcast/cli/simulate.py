@@ -25,10 +25,6 @@ def weight(argument: str) -> tuple[float, float]:
     return place_m, mass_kg
 
 
-def _all_columns() -> str:
-    return ", ".join(column for columns in COLUMNS.values() for column in columns)
-
-
 def simulate(
     path: Annotated[
         Path,
@@ -79,10 +75,10 @@ def simulate(
         if name == "place_m" or any(column in table.names for column in columns):
             given[name] = table.columns(list(columns[:axes]))
             table.require_finite(given[name], list(columns[:axes]))
-    unknown = [each for each in table.names if each.startswith(("far", "direction"))]
-    unknown = [each for each in unknown if not any(each in columns for columns in COLUMNS.values())]
+    known = [column for columns in COLUMNS.values() for column in columns]
+    unknown = [each for each in table.names if each.startswith(("far", "direction")) and each not in known]
     if unknown:
-        raise typer.BadParameter(f"{path}: columns are named {_all_columns()}, not {unknown[0]}")
+        raise typer.BadParameter(f"{path}: columns are named {', '.join(known)}, not {unknown[0]}")
     if rate is not None:
         given["out_time_s"] = np.arange(time_s[0], time_s[-1] + 1e-9, 1.0 / rate)
     points_m = simulate_string(

@@ -1,8 +1,13 @@
 """One command for each stage; the rules of the workflow call them."""
 
+import json
 import os
-from collections.abc import Callable
-from contextlib import nullcontext
+import resource
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, nullcontext
+from pathlib import Path
 from typing import Annotated, Any
 
 import typer
@@ -12,6 +17,7 @@ from strandcast.core.trial_names import LAST_TRIAL, trial_name
 from strandcast.progress import print_line, set_context
 from strandcast.records.folders import WITHIN_WORKFLOW, ExperimentFolder
 
+MAX_RSS_PER_MB = 1 << (20 if sys.platform == "darwin" else 10)
 EXPERIMENT_STAGES = {
     "lab_calibrate": "Photograph the calibration boards in the virtual lab.",
     "lab_rehearse": "Plan the first motion and play it with an empty clamp in the virtual lab.",
@@ -68,17 +74,44 @@ def summary(
     _run(as_json, "summary", experiment, experiment, 0, chosen)
 
 
+def campaign(as_json: AsJson = False) -> None:
+    """Write the page of all experiments, results/report.html, from their summaries."""
+    from strandcast.workflow.campaign import write_campaign
+    from strandcast.workflow.runner import refuse_elsewhere
+
+    refuse_elsewhere(ROOT)
+    tally, page = write_campaign(ROOT)
+    show(as_json, tally.to_json() | {"page": page}, [f"{tally}; page: {page}"])
+
+
 def _run(as_json: bool, stage: str, subject: str, *arguments: Any) -> None:
     """Run a stage; lines of progress begin with its subject. Each stage imports only what it needs."""
     from strandcast.stages.run import files_of, run_stage
-    from strandcast.stages.usage import usage_written
     from strandcast.workflow.locks import lease
 
     set_context(subject)
     print_line(f"{subject} {stage}")
     with lease(ROOT, arguments[0]):
         files = files_of(stage, ROOT, *arguments)
-        with usage_written(files.usage) if WITHIN_WORKFLOW in os.environ else nullcontext():
+        with _usage_written(files.usage) if WITHIN_WORKFLOW in os.environ else nullcontext():
             run_stage(stage, ROOT, *arguments)
-    made = [path for paths in files.stage.output_files(files.job).values() for path in paths]
-    show(as_json, {"stage": stage, "experiment": arguments[0], "files": made}, ())
+    show(as_json, {"stage": stage, "experiment": arguments[0], "files": files.all_outputs()}, ())
+
+
+@contextmanager
+def _usage_written(path: Path) -> Iterator[None]:
+    """Write the block's wall time [s] and the process's CPU time [s] and peak memory [MB], if it succeeds.
+
+    The fields are those of Snakemake's `benchmark`, which looks at all processes of the computer twice a
+    second and would not find the forks of the stage server.
+    """
+    began_s = time.monotonic()
+    yield
+    used = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
+    record = {
+        "s": round(time.monotonic() - began_s, 4),
+        "cpu_time": round(sum(each.ru_utime + each.ru_stime for each in used), 4),
+        "max_rss": round(max(each.ru_maxrss for each in used) / MAX_RSS_PER_MB, 1),
+    }
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(json.dumps(record) + "\n", encoding="utf-8")

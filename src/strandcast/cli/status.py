@@ -8,7 +8,7 @@ from typing import Any
 
 import typer
 
-from strandcast.cli.common import ROOT, AsJson, Experiments, show
+from strandcast.cli.common import ROOT, AsJson, Experiments, show, table_lines
 from strandcast.errors import StrandcastError
 
 # A word and a sign for each state; the colour only repeats them.
@@ -41,7 +41,7 @@ def status(
             refused.append(problem)
     overlooked = [] if experiments else overlooked_experiments(ROOT)
     data: dict[str, Any] = {
-        "experiments": [_data(each) for each in found],
+        "experiments": [asdict(one) | {"damaged": [each._asdict() for each in one.damaged]} for one in found],
         "problems": [each.to_json() for each in refused],
     }
     data["overlooked"] = [each.to_json() for each in overlooked]
@@ -51,22 +51,13 @@ def status(
     raise typer.Exit(max((each.exit_code for each in refused), default=0))
 
 
-def _data(status: Any) -> dict[str, Any]:
-    data = asdict(status)
-    for trial in data["trials"]:
-        trial["stages"] = [stage._asdict() for stage in trial["stages"]]
-        trial["throw"] = None if trial["throw"] is None else trial["throw"]._asdict()
-    data["damaged"] = [finding._asdict() for finding in data["damaged"]]
-    return data
-
-
 def _lines(status: Any) -> Iterator[str]:
     """Yield a table with a row for all stages of a trial that share a state, then the next steps."""
-    from rich.console import Console
-    from rich.table import Table
+    yield from table_lines(status.experiment, ("trial", "thrown", "stages", "state", "why"), _rows(status))
+    yield from (f"next: {step}" for step in status.next_steps)
 
-    console = Console()
-    table = Table("trial", "thrown", "stages", "state", "why", box=None, pad_edge=False, header_style="bold")
+
+def _rows(status: Any) -> Iterator[tuple[str, ...]]:
     for trial in status.trials:
         label, thrown = str(trial.trial or "all"), str(trial.throw or "")
         for state, group in groupby(trial.stages, key=lambda stage: stage.state):
@@ -76,14 +67,8 @@ def _lines(status: Any) -> Iterator[str]:
             reasons = list(dict.fromkeys(_why(stages)))
             more = [f"{len(reasons) - MOST_REASONS} more"] if len(reasons) > MOST_REASONS else []
             why = "; ".join(reasons[:MOST_REASONS] + more)
-            table.add_row(label, thrown, names, f"[{colour}]{sign} {state}[/]", why.replace("[", r"\["))
+            yield label, thrown, names, f"[{colour}]{sign} {state}[/]", why.replace("[", r"\[")
             label = thrown = ""
-    if not console.is_terminal:
-        console = Console(width=10_000, color_system=None)  # one line for each row
-    with console.capture() as capture:
-        console.print(f"[bold]{status.experiment}[/bold]", table, sep="\n", highlight=False)
-    yield from (line.rstrip() for line in capture.get().splitlines())
-    yield from (f"next: {step}" for step in status.next_steps)
 
 
 def _range(stages: list[Any]) -> str:

@@ -8,7 +8,7 @@ from ruamel.yaml.comments import CommentedMap, CommentedSeq
 
 from strandcast.config.bounded import load_yaml, read_bounded
 from strandcast.config.experiment import Experiment
-from strandcast.config.load import load_experiment, parse_experiment
+from strandcast.config.load import load_experiment
 from strandcast.errors import StrandcastError
 from strandcast.records.files import write_bytes
 
@@ -30,7 +30,7 @@ def set_excluded(path: Path, trial: int, reason: str | None) -> bool:
         return False
     edited = _edited(read_bounded(path), trial, reason)
     try:
-        after = parse_experiment(path, edited)
+        after = load_experiment(path, edited)
     except StrandcastError as error:
         if reason is not None and not 0 < len(reason) <= 500:
             raise
@@ -62,7 +62,9 @@ def _edited(text: str, trial: int, reason: str | None) -> str:
     newline = "\r\n" if "\r\n" in text else "\n"
     lines = text.splitlines()
     first, last = _place(text, lines)
-    yaml = _yaml()
+    yaml = YAML(typ="rt")
+    yaml.width, yaml.preserve_quotes = WIDEST, True
+    yaml.indent(mapping=2, sequence=4, offset=2)
     block = yaml.load("\n".join(lines[first:last])) or CommentedMap()
     trials = block.get(KEY) or CommentedSeq()
     at = next((k for k, each in enumerate(trials) if each["trial"] == trial), None)
@@ -76,7 +78,9 @@ def _edited(text: str, trial: int, reason: str | None) -> str:
         trials.append(entry)
     block[KEY] = trials
     comments = [line for line in lines[first:last] if line.lstrip().startswith("#")]
-    new = _dumped(yaml, block) if trials else comments
+    out = io.StringIO()
+    yaml.dump(block, out)
+    new = out.getvalue().splitlines() if trials else comments
     return newline.join([*lines[:first], *new, *lines[last:]]) + newline
 
 
@@ -91,16 +95,3 @@ def _place(text: str, lines: list[str]) -> tuple[int, int]:
     while last > first + 1 and (not lines[last - 1].strip() or lines[last - 1].startswith("#")):
         last -= 1  # comments of the next setting
     return first, last
-
-
-def _yaml() -> YAML:
-    yaml = YAML(typ="rt")
-    yaml.width, yaml.preserve_quotes = WIDEST, True
-    yaml.indent(mapping=2, sequence=4, offset=2)
-    return yaml
-
-
-def _dumped(yaml: YAML, block: CommentedMap) -> list[str]:
-    out = io.StringIO()
-    yaml.dump(block, out)
-    return out.getvalue().splitlines()

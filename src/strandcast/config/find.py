@@ -9,6 +9,7 @@ from pathlib import Path
 
 from strandcast.config.experiment import Experiment
 from strandcast.errors import StrandcastError
+from strandcast.records.folders import known_experiments
 
 NO_PROJECT = "change to a project's folder, or make one: strandcast new FOLDER"
 NAME = r"[a-z0-9][a-z0-9-]{0,63}"
@@ -65,10 +66,7 @@ def find_experiment(name: str, root: Path) -> Path:
     for path in (own, shipped):
         if path.is_file():
             return path
-    known = sorted(
-        {p.parent.name for p in root.glob("data/*/experiment.yaml") if p.is_file()}
-        | {p.stem for p in root.glob("config/experiments/*.yaml")}
-    )
+    known = [each for each in known_experiments(root) if each != name]
     misspelt = _misspelt(own)
     near = difflib.get_close_matches(name, known, n=1)
     fix = f"known: {', '.join(known)}" if known else NO_PROJECT
@@ -123,7 +121,16 @@ def find_arm(experiment: Experiment, experiment_file: Path, root: Path) -> Path:
     for folder, name in zip(folders, (f"{experiment.arm}.toml", experiment.arm), strict=True):
         path = folder / name
         if path.is_file():
-            return _within(folders, path, experiment_file)
+            real = path.resolve()
+            if any(real.is_relative_to(within.resolve()) for within in folders):
+                return path
+            raise StrandcastError(
+                "SC-F010",
+                f"{real} lies outside {' and '.join(map(str, folders))}",
+                file=experiment_file,
+                field="arm",
+                fix="copy the arm's file and its URDF into one of these folders",
+            )
     known = sorted(p.stem for p in root.glob("config/arms/*.toml"))
     raise StrandcastError(
         "SC-F001",
@@ -131,17 +138,4 @@ def find_arm(experiment: Experiment, experiment_file: Path, root: Path) -> Path:
         file=experiment_file,
         field="arm",
         fix=f"one of {', '.join(known)}, or the path of an arm's file",
-    )
-
-
-def _within(folders: tuple[Path, ...], path: Path, experiment_file: Path) -> Path:
-    real = path.resolve()
-    if any(real.is_relative_to(folder.resolve()) for folder in folders):
-        return path
-    raise StrandcastError(
-        "SC-F010",
-        f"{real} lies outside {' and '.join(map(str, folders))}",
-        file=experiment_file,
-        field="arm",
-        fix="copy the arm's file and its URDF into one of these folders",
     )

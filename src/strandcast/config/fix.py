@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from strandcast.config.bounded import load_yaml, read_bounded
-from strandcast.config.load import parse_experiment
+from strandcast.config.load import load_experiment
 from strandcast.config.renamed import Change, with_new_names
 from strandcast.errors import StrandcastError
 from strandcast.records.files import write_bytes
@@ -23,14 +23,14 @@ def fix_names(path: Path) -> int:
         The settings are invalid; SC-F003 they cannot be rewritten without changing others; SC-W002 the file
         cannot be written.
     """
-    settings, text = parse_experiment(path, read_bounded(path)), read_bounded(path)
+    settings, text = load_experiment(path), read_bounded(path)
     changes = with_new_names(load_yaml(text, lines=True), path)
     if not changes:
         return 0
     edited = _edited(text, changes)
     try:
         left = with_new_names(load_yaml(edited, lines=True), path)
-        if left or parse_experiment(path, edited) != settings:
+        if left or load_experiment(path, edited) != settings:
             raise ValueError
     except ValueError as error:
         what, fix = "former names cannot be replaced by --fix", "replace by hand what the warnings name"

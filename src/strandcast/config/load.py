@@ -21,8 +21,8 @@ log = logging.getLogger(__name__)
 MOST_PROBLEMS = 50  # reported at once; chosen
 
 
-def load_experiment(path: str | Path) -> Experiment:
-    """Read experiment.yaml.
+def load_experiment(path: str | Path, text: str | None = None) -> Experiment:
+    """Read experiment.yaml, or another text of it.
 
     Raises
     ------
@@ -30,12 +30,14 @@ def load_experiment(path: str | Path) -> Experiment:
         Every invalid setting, with line, field, value and suggestion.
     """
     path = Path(path)
-    return parse_experiment(path, _text(path))
-
-
-def parse_experiment(path: Path, text: str) -> Experiment:
-    """Return the settings in the text of a file; raises as `load_experiment`."""
-    data = _parse(path, text)
+    if not path.is_file():
+        raise StrandcastError("SC-F001", "the experiment's file does not exist", file=path)
+    try:
+        data = load_yaml(read_bounded(path) if text is None else text, lines=True)
+    except BoundError as error:
+        raise StrandcastError("SC-F002", str(error), file=path, line=error.line) from None
+    if not isinstance(data, CommentedMap):
+        raise StrandcastError("SC-F002", "contains no settings", file=path)
     for change in with_new_names(data, path):
         log.warning("%s:%d: %s (`strandcast check --fix` does it)", path, change.line + 1, change.what)
     try:
@@ -53,30 +55,6 @@ def parse_experiment(path: Path, text: str) -> Experiment:
     except StrandcastError as error:
         error.file, error.line = str(path), line_of(data, (str(error.field),))
         raise
-
-
-def _text(path: Path) -> str:
-    if not path.is_file():
-        what = "the experiment's file does not exist"
-        raise StrandcastError("SC-F001", what, file=path)
-    try:
-        return read_bounded(path)
-    except BoundError as error:
-        raise _invalid(path, error) from None
-
-
-def _invalid(path: Path, error: BoundError) -> StrandcastError:
-    return StrandcastError("SC-F002", str(error), file=path, line=error.line)
-
-
-def _parse(path: Path, text: str) -> CommentedMap:
-    try:
-        data = load_yaml(text, lines=True)
-    except BoundError as error:
-        raise _invalid(path, error) from None
-    if not isinstance(data, CommentedMap):
-        raise StrandcastError("SC-F002", "contains no settings", file=path)
-    return data
 
 
 def _with_target(data: dict[str, Any]) -> dict[str, Any]:
@@ -106,14 +84,7 @@ def _with_cameras(data: dict[str, Any]) -> dict[str, Any]:
 
 
 def _plain(node: Any) -> Any:
-    """Return YAML nodes as plain data."""
+    """Return YAML's maps and lists as plain ones, with text as keys."""
     if isinstance(node, CommentedMap):
         return {str(key): _plain(value) for key, value in node.items()}
-    if isinstance(node, CommentedSeq):
-        return [_plain(value) for value in node]
-    if isinstance(node, bool):
-        return bool(node)
-    for kind in (int, float, str):
-        if isinstance(node, kind):
-            return kind(node)
-    return node
+    return [_plain(value) for value in node] if isinstance(node, CommentedSeq) else node

@@ -1,11 +1,9 @@
-"""The JSON schema of experiment.yaml, and the fields behind its settings."""
+"""The JSON schema of experiment.yaml, and the groups of settings behind its fields."""
 
 import json
-from collections.abc import Iterator
 from typing import Any, get_args
 
 from pydantic import BaseModel
-from pydantic.fields import FieldInfo
 
 from strandcast.config.experiment import Experiment
 from strandcast.core.objectives import OBJECTIVES, Objective
@@ -38,11 +36,3 @@ def models_in(annotation: Any) -> list[type[BaseModel]]:
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         return [annotation]
     return [model for part in get_args(annotation) for model in models_in(part)]
-
-
-def fields(model: type[BaseModel] = Experiment, path: str = "") -> Iterator[tuple[str, FieldInfo]]:
-    """Yield the path and declaration of each setting, sections included."""
-    for name, field in model.model_fields.items():
-        yield f"{path}{name}", field
-        for section in models_in(field.annotation):
-            yield from fields(section, f"{path}{name}.")

@@ -1,4 +1,4 @@
-"""The registry of error codes, and docs/errors.md made from it."""
+"""The registry of error codes."""
 
 import tomllib
 from functools import cache
@@ -6,16 +6,6 @@ from pathlib import Path
 from typing import NamedTuple
 
 CODES_FILE = Path(__file__).with_name("codes.toml")
-HEAD = """\
-# Error codes
-
-Every problem that strandcast reports has a code, which stands for what to do about it. The message says what
-is wrong in this case: the file, the line or field, the offending value and what ignoring it would cost. Its
-fix is the one below, or a more exact one. `strandcast explain CODE` prints an entry, also for a code of a
-former version.
-
-<!-- Generated from src/strandcast/errors/codes.toml by `python -m strandcast.errors > docs/errors.md`. -->
-"""
 
 
 class ErrorCode(NamedTuple):
@@ -45,16 +35,3 @@ def merged_codes() -> dict[str, str]:
 def general_fixes() -> dict[str, str]:
     """Return the fix of each code as it stands in a message."""
     return {code: entry.fix[0].lower() + entry.fix[1:].rstrip(".") for code, entry in read_codes()[1].items()}
-
-
-def errors_page(path: Path = CODES_FILE) -> str:
-    """Return docs/errors.md: one section per letter, one entry per code."""
-    letters, codes = read_codes(path)
-    parts = [HEAD]
-    for letter, subject in letters.items():
-        parts.append(f"\n## SC-{letter}: {subject}\n")
-        for code in sorted(code for code in codes if code[3] == letter):
-            entry = codes[code]
-            cause = f"{entry.cause}\n\n" if entry.cause else ""
-            parts.append(f"\n### {code}: {entry.title}\n\n{cause}**Fix:** {entry.fix}\n")
-    return "".join(parts)

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
+from typing import NamedTuple
 
 import numpy as np
 
@@ -12,6 +12,7 @@ from strandcast.arm.reach import Reach
 from strandcast.core.trajectory import JointTrajectory
 from strandcast.errors import REFUSED, StrandcastError
 from strandcast.executor.checks import check_motion, check_reach, check_set_points
+from strandcast.executor.drivers.protocol import Driver
 from strandcast.executor.locks import NOTHING_SENT, check_clock, check_folder
 from strandcast.executor.streaming.clock import Clock
 from strandcast.executor.streaming.jitter import check_timing
@@ -85,22 +86,17 @@ class Preflight:
         return self.motion.content_sha256()[:HASH_DIGITS]
 
 
-class Paced(Protocol):
-    """What is asked of a driver before it is connected."""
+class Elsewhere(NamedTuple):
+    """In place of the driver, for an arm that another computer moves: what is asked before a throw."""
 
-    @property
-    def rate_hz(self) -> float:
-        """Rate of commands and log rows."""
-
-    @property
-    def streams(self) -> bool:
-        """Whether the host must send set points in time."""
+    rate_hz: float
+    streams: bool = False
 
 
 def run_preflight(
     motion_path: str | Path,
     arm: Arm,
-    driver: Paced,
+    driver: Driver | Elsewhere,
     out_dir: str | Path,
     options: PlayOptions | None = None,
     clock: Clock | None = None,
@@ -168,7 +164,7 @@ def times_ns(motion: Motion) -> np.ndarray:
 
 
 def _timing(
-    driver: Paced, options: PlayOptions, clock: Clock | None
+    driver: Driver | Elsewhere, options: PlayOptions, clock: Clock | None
 ) -> tuple[StreamingJitter, StrandcastError | None]:
     """Return the host's timing, and why it is not good enough to stream to an arm, or None."""
     jitter, problem = check_timing(driver.rate_hz, clock)

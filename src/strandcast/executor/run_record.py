@@ -7,6 +7,7 @@ from strandcast.executor.drivers.protocol import Driver, Recording
 from strandcast.executor.preflight import Preflight
 from strandcast.executor.streaming.safety_monitor import GAP_TICKS
 from strandcast.records.joint_log import Following, JointLog, LogTiming, Run, timing_of
+from strandcast.records.record import finite
 
 TAIL_S = 0.5  # the miss counts until 0.3 s after the motion
 MAX_LAG_S = 0.15  # chosen; servo lags are 5 to 35 ms
@@ -40,8 +41,8 @@ def run_record(preflight: Preflight, driver: Driver, recording: Recording, joint
         controller=recording.controller,
         joint_names=log.joint_names,
         clock=recording.clock,
-        motion_start_s=_finite(recording.motion_start_s),
-        motion_end_s=_finite(recording.motion_end_s),
+        motion_start_s=finite(recording.motion_start_s),
+        motion_end_s=finite(recording.motion_end_s),
         sync_events=recording.sync_events,
         timing=timing,
         video=recording.video,
@@ -91,7 +92,3 @@ def _remaining_error(log: JointLog, moving: np.ndarray, joint: int, lag_s: float
     command = np.interp(log.time_s[moving] - lag_s, log.time_s[known], log.q_cmd_rad[known, joint])
     error = log.q_rad[moving, joint] - command
     return np.asarray(error - error.mean())
-
-
-def _finite(value: float) -> float | None:
-    return value if np.isfinite(value) else None

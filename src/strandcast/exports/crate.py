@@ -28,7 +28,7 @@ from strandcast.records.summary import VersionGroup, group_by_versions
 from strandcast.records.verdict import Verdict
 from strandcast.records.verified import READERS
 from strandcast.stages.declarations import STAGES
-from strandcast.stages.job import Job
+from strandcast.stages.job import Files, Job
 
 METADATA = "ro-crate-metadata.json"
 PROFILE = "https://w3id.org/ro/wfrun/process/0.5"
@@ -164,8 +164,7 @@ def _add_declared(experiment: ExperimentView, run: _StageRun) -> None:
     # Results that a stage may look at, such as the manifests of later trials, are not what it works on.
     raw = (path for path in read if path.is_relative_to(experiment.context.folder.data))
     run.inputs.update(_name_of(experiment, path) for path in raw)
-    written = (path for paths in stage.output_files(job).values() for path in paths)
-    run.outputs.update(_name_of(experiment, path) for path in written)
+    run.outputs.update(_name_of(experiment, path) for path in Files(stage, job).all_outputs())
 
 
 def _files(experiment: ExperimentView, inputs: Iterable[str]) -> dict[str, Path]:

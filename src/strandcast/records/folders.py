@@ -115,6 +115,10 @@ class ExperimentFolder:
         """Return the numbers of the trials that have any raw file: their motions are not planned again."""
         return [number for number in trial_folders(self.data) if self.trial(number).raw_files()]
 
+    def all_trials(self) -> list[int]:
+        """Return the numbers of the trials that have raw files or results."""
+        return sorted({*trial_folders(self.data), *trial_folders(self.results)})
+
     def reported_trials(self) -> list[int]:
         """Return the numbers of the trials with a page of their own."""
         folders = trial_folders(self.results)
@@ -193,6 +197,16 @@ def _video_suffixes(packages: tuple[str, ...]) -> tuple[str, ...]:
     others = (f".{name}" for name in installed(FRAME_READERS_GROUP))
     built_in = (*CONTAINERS, *TIFFS)
     return (*built_in, *(suffix for suffix in others if suffix not in built_in))
+
+
+def own_experiments(root: Path) -> list[str]:
+    """Return the experiments under data/."""
+    return sorted(path.parent.name for path in root.glob("data/*/experiment.yaml"))
+
+
+def known_experiments(root: Path) -> list[str]:
+    """Return the experiments under data/ and those that ship with the project."""
+    return sorted({*own_experiments(root), *(path.stem for path in root.glob("config/experiments/*.yaml"))})
 
 
 def trial_folders(parent: Path) -> dict[int, Path]:

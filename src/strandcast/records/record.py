@@ -199,6 +199,11 @@ def parse_json(content: bytes) -> Any:
     return data
 
 
+def finite(value: float | None) -> float | None:
+    """Return a number as a record stores it: None for one that is not finite."""
+    return None if value is None or not math.isfinite(value) else float(value)
+
+
 def _refuse_constant(name: str) -> None:
     raise ValueError(f"{name} is not JSON")
 

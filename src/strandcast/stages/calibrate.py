@@ -1,5 +1,6 @@
 """Photos of the board and of the plane of motion to the camera record, and a picture of the result."""
 
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -19,14 +20,12 @@ from strandcast.camera.plane import (
 from strandcast.camera.pose import PlacedMarker
 from strandcast.camera.printed_board import PrintedBoard, identify_board
 from strandcast.config.camera import Board, CameraSettings
-from strandcast.config.experiment import Experiment
 from strandcast.errors import StrandcastError
 from strandcast.progress import progress
 from strandcast.records.camera import Camera, Lens
 from strandcast.records.files import atomic_write
 from strandcast.records.lineage import note_picture
 from strandcast.records.manifest import Manifest
-from strandcast.stages.cameras import warn_of_former
 from strandcast.stages.context import Context
 from strandcast.stages.job import Files, Job
 from strandcast.stages.photos import given_pictures
@@ -38,6 +37,7 @@ PARTLY = (
     "squares_x, squares_y, first_id and legacy of camera.plane.board are not checked where it is cut off; a "
     "wrong one would move the world by whole squares"
 )
+FORMER = "camera.json"  # the place of the only camera's record up to version 0.1
 SEARCHED_FRAMES = 150  # frames of a lens video in which the board is searched; chosen, not sensitive
 # As the sensor recorded it: a phone's orientation tag would rotate the lens model too.
 UNROTATED = cv2.IMREAD_GRAYSCALE | cv2.IMREAD_ANYDEPTH | cv2.IMREAD_IGNORE_ORIENTATION
@@ -47,7 +47,7 @@ def run(job: Job, files: Files) -> None:
     """Write the camera's picture and record."""
     from strandcast.camera.picture import camera_picture  # heavy: others read photos with this module
 
-    warn_of_former(job.context)
+    _warn_of_former(job.context)
     fit = _by_tracker if job.context.settings.camera.scale == "tracker" else camera_by_markers
     camera, picture = fit(job.context, files)
     with atomic_write(files.output("picture")) as temporary:
@@ -56,9 +56,17 @@ def run(job: Job, files: Files) -> None:
     camera.write(files.output("camera"))
 
 
+def _warn_of_former(context: Context) -> None:
+    """Warn of a record in its former place, which no stage reads."""
+    former = context.folder.results / FORMER
+    if former.is_file():
+        now = context.folder.camera(context.settings.camera_name)
+        print(f"warning: {former} is not read; the camera's record is now {now}", file=sys.stderr)
+
+
 def camera_by_markers(context: Context, files: Files) -> tuple[Camera, np.ndarray]:
     """Fit the lens to photos or a video of the board, the plane to a photo of its markers or board."""
-    settings, plane = context.settings, files.input("plane")
+    settings, plane, box = context.settings, files.input("plane"), context.settings.workspace_m
     [picture] = read_photos_of(context, [plane])
     lens, printed = _lens(context, files)
     markers, dictionary, shown, warnings = plane_markers_of(settings.camera, picture, str(plane), printed)
@@ -68,23 +76,18 @@ def camera_by_markers(context: Context, files: Files) -> tuple[Camera, np.ndarra
         markers,
         dictionary,
         file=str(plane),
-        geometry=_plane_geometry(settings),
+        geometry=PlaneGeometry(
+            settings.camera.string_offset_m,
+            settings.camera.string_offset_sd_m,
+            settings.camera.plane.place_sd_m,
+            None if box is None else (box.x_m, box.y_m),
+        ),
         on_board=settings.camera.plane.board is not None,
     )
     camera.warnings = warnings + camera.warnings
     if settings.lab is None and "string_offset_m" not in settings.camera.model_fields_set:
         camera.warnings += unmeasured_offset_warnings(camera)
     return camera, picture
-
-
-def _plane_geometry(settings: Experiment) -> PlaneGeometry:
-    camera, box = settings.camera, settings.workspace_m
-    return PlaneGeometry(
-        camera.string_offset_m,
-        camera.string_offset_sd_m,
-        camera.plane.place_sd_m,
-        None if box is None else (box.x_m, box.y_m),
-    )
 
 
 def _lens(context: Context, files: Files) -> tuple[Lens, PrintedBoard | None]:

@@ -1,9 +1,9 @@
 """Video and track to the film of the throw on the page: clip.json."""
 
+from strandcast.records.camera import Camera
 from strandcast.records.clip import Clip
 from strandcast.records.manifest import Manifest
 from strandcast.records.track import TrackSummary, read_track
-from strandcast.stages.cameras import read_camera
 from strandcast.stages.context import aimed_at
 from strandcast.stages.job import Files, Job
 from strandcast.tracking.clip import make_clip
@@ -18,7 +18,7 @@ def run(job: Job, files: Files) -> None:
         job.folder.data / manifest.video.file,
         manifest.video,
         read_track(files.input("track"), summary.points),
-        read_camera(context, files.input("cameras")),
+        Camera.read(files.input("cameras")),
         aimed_at(context, manifest),
     )
     Clip(experiment=context.name, trial=job.trial, **made).write(files.output("clip"))

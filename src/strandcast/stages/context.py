@@ -1,6 +1,7 @@
 """The experiment that a stage works on: its settings and its folders."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -46,15 +47,21 @@ class Context:
         enough = hit and trial >= self.settings.min_trials and bool(self.counted([trial]))
         return enough or trial >= self.settings.max_trials
 
-    def counted_before(self, trial: int) -> list[int]:
-        """Return the trials before this one that are not excluded."""
-        return self.counted(range(1, trial))
-
 
 def context_of(root: Path, name: str) -> Context:
     """Find and read an experiment."""
     file = find_experiment(name, root)
     return Context(name, load_experiment(file), file, ExperimentFolder(root, name))
+
+
+@contextmanager
+def about_settings(context: Context) -> Iterator[None]:
+    """Let an error that names no file be about a request in the experiment's file."""
+    try:
+        yield
+    except StrandcastError as error:
+        error.file = error.file or str(context.file)
+        raise
 
 
 def refuse_replacing(path: Path, replace: bool) -> None:

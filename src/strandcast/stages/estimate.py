@@ -150,9 +150,8 @@ def _add_what_the_rig_shows(
     record.servo = None if response is None else servo_record(arm, response)
     seen = TrackSummary.read(files.input("summary", files.job.trial)).weights
     throws = [throw_of(trial, context.settings.estimate) for trial in trials]
-    weights = seen_weights(context, arm, throws, record.E_m, seen, random)
-    record.faults = weights.faults
-    record.warnings += [*(fault.words for fault in weights.faults), *weights.warnings]
+    record.faults, warnings = seen_weights(context, arm, throws, record.E_m, seen, random)
+    record.warnings += [*(fault.words for fault in record.faults), *warnings]
     record.rig_offsets = rig_offsets_of(arm, trials, files.inputs("cameras"), record)
     record.warnings += [] if record.rig_offsets is None else record.rig_offsets.warnings
 

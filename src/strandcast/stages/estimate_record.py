@@ -27,6 +27,7 @@ from strandcast.records.estimate import (
     WeightFit,
 )
 from strandcast.records.motion import StringSet
+from strandcast.records.record import finite
 from strandcast.records.track import AXES, Track
 from strandcast.seeds import seed_of
 from strandcast.stages.context import Context
@@ -77,13 +78,13 @@ def estimate_record(
         undetermined=dict(fit.undetermined),
         frames_used=fit.frames_used,
         window_s=list(fit.window_s),
-        E_planned_m=_finite(fit.E_planned_m),
+        E_planned_m=finite(fit.E_planned_m),
         E_m=fit.E_m,
         E_weighted_m=fit.E_weighted_m,
-        E_points_m=[_finite(value) for value in fit.E_points_m],
-        step_change_m=_finite(fit.step_change_m),
+        E_points_m=list(map(finite, fit.E_points_m)),
+        step_change_m=finite(fit.step_change_m),
         rmse_m=fit.rmse_m,
-        tip_error_m=_finite(fit.tip_error_m),
+        tip_error_m=finite(fit.tip_error_m),
         held_out=[HeldOutError(what=h.what, E_m=h.E_m) for h in fit.held_out if np.isfinite(h.E_m)],
         convergence=[
             ConvergenceStep(evaluations=int(count), best_m=float(best))
@@ -158,8 +159,8 @@ def uncertainty_record(fit: StringFit) -> ParameterUncertainty:
         measurements_per_datum=known.per_datum,
         gauge_fixed=known.gauge_fixed,
         profile_rise=RISE,
-        profile_low=[_finite(value) for value in space.values(known.low)],
-        profile_high=[_finite(value) for value in space.values(known.high)],
+        profile_low=list(map(finite, space.values(known.low))),
+        profile_high=list(map(finite, space.values(known.high))),
         profile_low_open=known.open_low.tolist(),
         profile_high_open=known.open_high.tolist(),
     )
@@ -173,17 +174,17 @@ def servo_record(arm: PlanarArm, response: Response) -> ServoFit:
         natural_frequency_rad_s=servo.natural_frequency_rad_s.tolist(),
         damping_ratio=servo.damping_ratio.tolist(),
         gain=servo.gain.tolist(),
-        residual_rad=_finite_list(response.residual_rad),
-        delay_sd_s=_finite_list(response.delay_sd_s),
+        residual_rad=list(map(finite, response.residual_rad)),
+        delay_sd_s=list(map(finite, response.delay_sd_s)),
         time_constant_s=servo.time_constant_s.tolist(),
-        time_constant_sd_s=_finite_list(response.time_constant_sd_s),
+        time_constant_sd_s=list(map(finite, response.time_constant_sd_s)),
         lag_s=servo.lag_s.tolist(),
-        lag_sd_s=_finite_list(response.lag_sd_s),
-        fitted_gain=_finite_list(response.gain),
-        fitted_gain_sd=_finite_list(response.gain_sd),
+        lag_sd_s=list(map(finite, response.lag_sd_s)),
+        fitted_gain=list(map(finite, response.gain)),
+        fitted_gain_sd=list(map(finite, response.gain_sd)),
         held_out=None if held_out is None else held_out.what,
-        held_out_rad=None if held_out is None else _finite_list(held_out.error_rad),
-        held_out_hand_m=None if held_out is None else _finite(_hand_error_m(arm, held_out)),
+        held_out_rad=None if held_out is None else list(map(finite, held_out.error_rad)),
+        held_out_hand_m=None if held_out is None else finite(_hand_error_m(arm, held_out)),
     )
 
 
@@ -193,15 +194,6 @@ def _hand_error_m(arm: PlanarArm, held_out: Predicted) -> float:
         hand_pose(arm.chain, arm.clamp, q).position_m for q in (held_out.predicted_rad, held_out.measured_rad)
     )
     return float(np.sqrt(np.nanmean(((predicted - measured) ** 2).sum(axis=1))))
-
-
-def _finite_list(values: np.ndarray) -> list[float | None]:
-    """Return numbers as a record stores them: None for a joint that stood still."""
-    return [_finite(float(value)) for value in values]
-
-
-def _finite(value: float | None) -> float | None:
-    return None if value is None or not np.isfinite(value) else float(value)
 
 
 def ensemble_table(strings: StringBatch, values_m: np.ndarray) -> dict[str, np.ndarray]:

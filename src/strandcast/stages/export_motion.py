@@ -35,10 +35,9 @@ def run(
     arm = load_arm(named_arm(arm_file, root))
     handover = prepare(motion, arm, hanging_m, time_scale)
     export_motion(handover, form, out)
-    if ExperimentFolder(root, planned.experiment).results.is_dir():
-        keep_motion(
-            ExperimentFolder(root, planned.experiment), planned, motion.with_name("predicted.parquet")
-        )
+    folder = ExperimentFolder(root, planned.experiment)
+    if folder.results.is_dir():
+        keep_motion(folder, planned, motion.with_name("predicted.parquet"))
     return handover
 
 

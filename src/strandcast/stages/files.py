@@ -27,7 +27,7 @@ def this(job: Job) -> list[int]:
 
 def past(job: Job) -> list[int]:
     """Return the trials before this one that are not excluded."""
-    return job.context.counted_before(job.trial)
+    return job.context.counted(range(1, job.trial))
 
 
 def latest(job: Job) -> list[int]:
@@ -60,7 +60,7 @@ def every_or_excluded(job: Job) -> list[int]:
 
 def results(scope: Scope, *names: str) -> Role:
     """Return the role of result files of trials."""
-    return lambda job: _results(job, scope(job), *names)
+    return lambda job: [job.context.folder.trial(k).results / name for k in scope(job) for name in names]
 
 
 def cameras(job: Job) -> list[Path]:
@@ -84,8 +84,13 @@ def raw(name: str) -> Role:
 
 
 def raw_if_there(scope: Scope, name: str) -> Role:
-    """Return the role of a raw file that a trial may lack; the lab's trials will have it."""
-    return lambda job: _raw_if_there(job, scope(job), name)
+    """Return the role of a raw file of each trial that has it; the lab's trials will have it."""
+
+    def found(job: Job) -> list[Path]:
+        paths = (job.context.folder.trial(number).data / name for number in scope(job))
+        return [path for path in paths if job.is_lab or file_exists(path)]
+
+    return found
 
 
 def played_motions(scope: Scope) -> Role:
@@ -95,7 +100,8 @@ def played_motions(scope: Scope) -> Role:
 
 def logged(scope: Scope, name: str) -> Role:
     """Return the role of joint logs or their records, of the trials that have a log."""
-    return lambda job: [path.with_name(name) for path in _raw_if_there(job, scope(job), "run.json")]
+    records = raw_if_there(scope, "run.json")
+    return lambda job: [path.with_name(name) for path in records(job)]
 
 
 REHEARSED_FILES = {"motion": "motion.json", "joints": "joints.csv", "run": "run.json"}
@@ -103,13 +109,13 @@ REHEARSED_FILES = {"motion": "motion.json", "joints": "joints.csv", "run": "run.
 
 def rehearsal(name: str) -> Role:
     """Return the role of a file of the rehearsal; none without one, or where a throw has shown the joints."""
-    return lambda job: _rehearsal(job, name)
 
+    def found(job: Job) -> list[Path]:
+        folder = job.context.folder.rehearsal
+        there = job.context.settings.lab_rehearses if job.is_lab else file_exists(folder / "run.json")
+        return [folder / name] if there and not past(job) else []
 
-def _rehearsal(job: Job, name: str) -> list[Path]:
-    folder = job.context.folder.rehearsal
-    there = job.context.settings.lab_rehearses if job.is_lab else file_exists(folder / "run.json")
-    return [folder / name] if there and not past(job) else []
+    return found
 
 
 def known_string(job: Job) -> list[Path]:
@@ -244,7 +250,7 @@ def _other_photos(folder: Path, pattern: str) -> list[Path]:
 def scaling_manifest(job: Job) -> list[Path]:
     """Return the manifest of the first trial if the tracker finds the scale (``camera.scale: tracker``)."""
     by_tracker = job.context.settings.camera.scale == "tracker"
-    return _results(job, [1], "manifest.json") if by_tracker else []
+    return [job.context.folder.trial(1).results / "manifest.json"] if by_tracker else []
 
 
 def scaling_video(job: Job) -> list[Path]:
@@ -277,13 +283,3 @@ def supplied(job: Job, trial: int) -> bool:
 def lab_capture(job: Job) -> list[Path]:
     """Return the lab's capture in space: without it, the track that was imported from it has no source."""
     return [job.folder.data / "capture.csv"] if job.context.settings.lab_captures else []
-
-
-def _results(job: Job, trials: list[int], *names: str) -> list[Path]:
-    return [job.context.folder.trial(number).results / name for number in trials for name in names]
-
-
-def _raw_if_there(job: Job, trials: list[int], name: str) -> list[Path]:
-    """Return a raw file of each trial that has it; the lab's trials will have it."""
-    paths = (job.context.folder.trial(number).data / name for number in trials)
-    return [path for path in paths if job.is_lab or file_exists(path)]

@@ -14,11 +14,10 @@ from strandcast.reconstruction.views import SpaceReconstruction, StringView, rec
 from strandcast.records.alignment import Alignment, EndPath, end_columns
 from strandcast.records.camera import Camera
 from strandcast.records.files import sha256_file
-from strandcast.records.folders import TrialFolder
 from strandcast.records.observations import read_observations
 from strandcast.records.track import SUPPLIED, Track, TrackSummary
 from strandcast.stages.calibrate import read_photos_of
-from strandcast.stages.context import context_of, refuse_other_target, refuse_replacing
+from strandcast.stages.context import Context, context_of, refuse_other_target, refuse_replacing
 
 OBSERVATIONS = "observations.parquet"
 LENGTHS_DIFFER = 0.02  # chosen: a length that is 5 % wrong moves points by 1 mm, one of 15 % by 50 mm
@@ -65,19 +64,21 @@ def run(
     if len(set(cameras)) < len(cameras):
         what = f"{' and '.join(cameras)} are one camera, and its trials are different throws"
         raise StrandcastError("SC-I049", what, field="--view", fix="name each camera's own experiment once")
-    tip_sigma_m = [_checked_track(root, *view, length_m) for view in views]
-    seen = [_view(root, *view) for view in views]
+    of_views = [(context_of(root, experiment), number) for experiment, number in views]
+    tip_sigma_m = [_checked_track(*each, length_m) for each in of_views]
+    seen = [_view(*each) for each in of_views]
     warnings = []
     if boards is not None:
         for k in range(1, len(seen)):
-            seen[k], doubts = _placed_by_boards(root, seen[0], seen[k], boards)
+            contexts = of_views[0][0], of_views[k][0]
+            seen[k], doubts = _placed_by_boards(contexts, seen[0], seen[k], boards)
             warnings += doubts
     found = reconstruct_in_space(seen, length_m)
     track = _z_up(found)
     summary = _summary(name, trial, length_m, found, track)
-    for experiment, number in views:
-        observations = context_of(root, experiment).folder.trial(number).results / OBSERVATIONS
-        summary.choices[f"{experiment} trial {number}"] = sha256_file(observations)
+    for each, number in of_views:
+        observations = each.folder.trial(number).results / OBSERVATIONS
+        summary.choices[f"{each.name} trial {number}"] = sha256_file(observations)
     summary.warnings += warnings
     # Both cameras see the same end; what only one of them doubts, as a plane, two of them measure.
     summary.tip_sigma_m = min(tip_sigma_m)
@@ -95,9 +96,8 @@ def run(
     return summary
 
 
-def _view(root: Path, experiment: str, trial: int) -> StringView:
-    context = context_of(root, experiment)
-    folder: TrialFolder = context.folder.trial(trial)
+def _view(context: Context, trial: int) -> StringView:
+    experiment, folder = context.name, context.folder.trial(trial)
     path = folder.results / OBSERVATIONS
     if not path.is_file():
         raise StrandcastError(
@@ -116,9 +116,9 @@ def _view(root: Path, experiment: str, trial: int) -> StringView:
     return StringView(experiment, observed[camera].string, record, clock)
 
 
-def _checked_track(root: Path, experiment: str, trial: int, length_m: float) -> float:
+def _checked_track(context: Context, trial: int, length_m: float) -> float:
     """Return how well a camera's track knows the tip [m]; refuse a track of a string of another length."""
-    path = context_of(root, experiment).folder.trial(trial).results / "track.json"
+    path = context.folder.trial(trial).results / "track.json"
     if not path.is_file():
         return 0.0  # what is missing is reported next
     summary = TrackSummary.read(path)
@@ -126,7 +126,7 @@ def _checked_track(root: Path, experiment: str, trial: int, length_m: float) -> 
     if abs(its_m - length_m) > LENGTHS_DIFFER * length_m:
         raise StrandcastError(
             "SC-I049",
-            f"the string is {length_m:g} m long, but from the hand on {its_m:.4g} m in {experiment}",
+            f"the string is {length_m:g} m long, but from the hand on {its_m:.4g} m in {context.name}",
             field="string.length_m",
             fix=f"give the free length, without what the clamp holds: length_m: {its_m:.4g}",
         )
@@ -134,10 +134,9 @@ def _checked_track(root: Path, experiment: str, trial: int, length_m: float) -> 
 
 
 def _placed_by_boards(
-    root: Path, first: StringView, other: StringView, boards: str
+    contexts: tuple[Context, Context], first: StringView, other: StringView, boards: str
 ) -> tuple[StringView, list[str]]:
     """Return the other view with the pose that the boards give it, and a warning if the markers disagree."""
-    contexts = [context_of(root, view.name) for view in (first, other)]
     folders = [context.folder.data for context in contexts]
     usable = boards and not Path(boards).is_absolute()
     names = sorted(path.relative_to(folders[0]) for path in folders[0].glob(boards)) if usable else []

@@ -66,10 +66,6 @@ class Stage:
         """Return the roles of the inputs whose hashes the lineage of the outputs holds."""
         return [role for role in self.inputs if role not in self.hashed_by_stage]
 
-    def input_files(self, job: Job) -> dict[str, list[Path]]:
-        """Return the input files of a job by role."""
-        return {role: find(job) for role, find in self.inputs.items()}
-
     def output_files(self, job: Job) -> dict[str, list[Path]]:
         """Return the output files of a job by role, those of every camera."""
         context, trial = job.context, trial_digits(job.trial)
@@ -104,11 +100,13 @@ class Files:
         """Return the file to read in a role if it exists, else None."""
         return next((path for path in self.inputs(role, trial) if path.is_file()), None)
 
-    def known(self) -> set[Path]:
-        """Return all files that the job may open."""
-        read = (self.inputs(role) for role in (*self.stage.inputs, *self.stage.may_read))
-        written = self.stage.output_files(self.job).values()
-        return {self.job.context.file}.union(*read, *written)
+    def all_inputs(self) -> list[Path]:
+        """Return the input files of all roles."""
+        return [path for find in self.stage.inputs.values() for path in find(self.job)]
+
+    def all_outputs(self) -> list[Path]:
+        """Return the output files of all roles."""
+        return [path for paths in self.stage.output_files(self.job).values() for path in paths]
 
     def output(self, role: str) -> Path:
         """Return the file to write in a role; if there are several, the first."""

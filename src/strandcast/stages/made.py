@@ -27,11 +27,11 @@ class Note:
     def __init__(self, files: Files) -> None:
         self._files = files
         self._now = _facts(files)
-        self._inputs = _hashes(files, _inputs(files))
+        self._inputs = _hashes(files, files.all_inputs())
 
     def write(self) -> None:
         """Write the note, with the hashes of what the job has written."""
-        hashes = {"inputs": self._inputs, "outputs": _hashes(self._files, _outputs(self._files))}
+        hashes = {"inputs": self._inputs, "outputs": _hashes(self._files, self._files.all_outputs())}
         write_text(_place(self._files), canonical_json(self._now | hashes) + "\n")
 
 
@@ -49,7 +49,7 @@ def changes_since_made(files: Files) -> list[str]:
     if note is None:
         return [UNKNOWN]
     root = files.job.context.folder.root
-    inputs = {relative_to(root, path) for path in _inputs(files)}
+    inputs = {relative_to(root, path) for path in files.all_inputs()}
     added = in_trial_order(name for name in inputs - note["inputs"].keys() if (root / name).is_file())
     gone = in_trial_order(note["inputs"].keys() - inputs)
     results = {name: sha256 for name, sha256 in note["outputs"].items() if name.startswith("results/")}
@@ -65,7 +65,9 @@ def changes_since_made(files: Files) -> list[str]:
 def changed_files(files: Files) -> list[str]:
     """Return the inputs of a job that are not those that its results were made from."""
     note, root = _read(_place(files)), files.job.context.folder.root
-    return [] if note is None else _changed(root, note, {relative_to(root, path) for path in _inputs(files)})
+    return (
+        [] if note is None else _changed(root, note, {relative_to(root, path) for path in files.all_inputs()})
+    )
 
 
 def _changed(root: Path, note: dict[str, Any], inputs: set[str]) -> list[str]:
@@ -96,14 +98,6 @@ def _read(path: Path) -> dict[str, Any] | None:
     kinds = {"code": str, "settings": dict, "trials": list, "inputs": dict, "outputs": dict}
     sound = isinstance(note, dict) and all(isinstance(note.get(name), kind) for name, kind in kinds.items())
     return note if sound else None
-
-
-def _inputs(files: Files) -> list[Path]:
-    return [path for paths in files.stage.input_files(files.job).values() for path in paths]
-
-
-def _outputs(files: Files) -> list[Path]:
-    return [path for paths in files.stage.output_files(files.job).values() for path in paths]
 
 
 def _hashes(files: Files, paths: Iterable[Path]) -> dict[str, str]:

@@ -23,13 +23,11 @@ def facts_of(context: Context, next_motion: Path | None) -> Facts:
         weight_places_m=[weight.place_m for weight in settings.string.weights],
         stiff_sections_m=[(section.from_m, section.to_m) for section in settings.string.stiff_sections],
         speed_limits_rad_s=arm.limits.velocity_rad_s.tolist(),
-        play_command=None if next_motion is None else play_command(context, _trial_of(next_motion)),
+        play_command=None
+        if next_motion is None
+        else play_command(context, trial_number(next_motion.parent.name)),
         settings=settings.model_dump(mode="json"),
     )
-
-
-def _trial_of(motion: Path) -> int:
-    return trial_number(motion.parent.name)
 
 
 def refuse_unread(context: Context, page: Path, unread: Mapping[str, str]) -> None:

@@ -2,7 +2,6 @@
 
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
 
 import numpy as np
 
@@ -22,7 +21,7 @@ from strandcast.records.predicted import PredictedThrows, write_predicted
 from strandcast.report.expected import expected_miss
 from strandcast.seeds import rng, seed_of
 from strandcast.stages.arms import arm_of
-from strandcast.stages.context import Context
+from strandcast.stages.context import Context, about_settings
 from strandcast.stages.files import past
 from strandcast.stages.job import Files, Job
 from strandcast.stages.past_trials import Trial, hashes_of, read_trial
@@ -82,7 +81,7 @@ def first_motion(context: Context, arm: Arm) -> Motion:
     seeded_by = _seeded_by(context, 1)
     random = rng(*seeded_by)
     task, strings = first_inputs(context, arm, random)
-    with _about(context):
+    with about_settings(context):
         plan = plan_first(task, strings, context.settings.plan, random)
     start = start_string_name(context.settings)
     return to_record(plan, task, context.name, 1, seed_of(*seeded_by), {}, None, start)
@@ -95,7 +94,7 @@ def plan_motion(job: Job, files: Files) -> tuple[Motion, PredictedThrows]:
     settings, seeded_by = context.settings, _seeded_by(context, job.trial)
     random = rng(*seeded_by)
     trials = [read_trial(files, number) for number in past(job)]
-    with _about(context):
+    with about_settings(context):
         task, plan = _next(files, arm, trials, random) if trials else _first(files, arm, random)
     elsewhere = files.inputs("known_string")
     parent = next((t.motion for t in trials if t.number == plan.parent_trial), None)
@@ -117,16 +116,6 @@ def plan_motion(job: Job, files: Files) -> tuple[Motion, PredictedThrows]:
 
 def _seeded_by(context: Context, trial: int) -> tuple[str, int, int, str]:
     return context.name, context.settings.seed, trial, "plan"
-
-
-@contextmanager
-def _about(context: Context) -> Iterator[None]:
-    """Let an error that names no file be about a request in the experiment's file."""
-    try:
-        yield
-    except StrandcastError as error:
-        error.file = error.file or str(context.file)
-        raise
 
 
 def _refuse_thrown(job: Job) -> None:

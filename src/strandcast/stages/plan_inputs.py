@@ -10,7 +10,6 @@ from strandcast.arm.load import Arm
 from strandcast.arm.servo import Servo
 from strandcast.config.experiment import Experiment
 from strandcast.core.strings import FAR_OFFSET, PARAMETERS, StringBatch
-from strandcast.dynamics.masses import MassLayout
 from strandcast.dynamics.model import StringModel
 from strandcast.errors import StrandcastError
 from strandcast.planning.past_trials import Measured, PastTrial, past_trial, resampled
@@ -98,7 +97,8 @@ def task_of(context: Context, arm: Arm) -> PlanningTask:
 def next_inputs(context: Context, arm: Arm, ensemble: Path) -> tuple[PlanningTask, StringBatch]:
     """Return the task and the strings fitted to past trials, for a later motion."""
     model, layout = string_model(context, arm)
-    return _task(context.settings, arm, model), fitted_strings(ensemble, layout)
+    # Without the unknowns that only concern the measurement or the fit.
+    return _task(context.settings, arm, model), read_members(ensemble, layout).thrown()
 
 
 def _task(settings: Experiment, arm: Arm, model: StringModel) -> PlanningTask:
@@ -131,11 +131,6 @@ def refuse_without_target(context: Context) -> None:
             fix="add target_m: [x, y], or [x, y, z] for an arm in space; to fit a recording, import it: "
             "strandcast import track --help",
         )
-
-
-def fitted_strings(path: Path, layout: MassLayout) -> StringBatch:
-    """Read the fitted strings, without the unknowns that only concern the measurement or the fit."""
-    return read_members(path, layout).thrown()
 
 
 def past_trial_of(trial: Trial, task: PlanningTask) -> PastTrial:

@@ -10,8 +10,8 @@ from strandcast.camera.markers import same_family
 from strandcast.camera.picture_file import write_picture
 from strandcast.errors import StrandcastError
 from strandcast.records.camera import Camera
-from strandcast.stages.background import given_background
 from strandcast.stages.context import Context, context_of, free_length_m
+from strandcast.stages.photos import given_background
 from strandcast.tracking.chain.string_track import POLARITIES
 from strandcast.tracking.preview.findings import findings, problems
 from strandcast.tracking.preview.picture import preview_picture

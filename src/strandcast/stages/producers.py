@@ -9,7 +9,9 @@ from strandcast.records.listing import file_exists
 from strandcast.stages import CALLED_BY_NAME, files
 from strandcast.stages.context import Context
 from strandcast.stages.declarations import STAGES
-from strandcast.stages.job import Job
+from strandcast.stages.job import Files, Job
+
+BY_CAMERA = ("ingest", "track", "reconstruct", "clip", "align")  # a supplied track needs none of them
 
 
 class Step(NamedTuple):
@@ -44,8 +46,7 @@ def steps_of(context: Context, trial: int) -> list[Step]:
         motion = ["register_motion"]
     else:
         motion = [] if folder.raw_files() or context.settings.target_m is None else ["plan"]
-    by_camera = ["ingest", "track", "reconstruct", "clip", "align"]
-    measured = ["register_track"] if files.supplied(Job(context), trial) else by_camera
+    measured = ("register_track",) if files.supplied(Job(context), trial) else BY_CAMERA
     return [Step(stage, trial) for stage in (*motion, *measured, "score", "estimate", "report")]
 
 
@@ -60,8 +61,7 @@ def producers(context: Context, trials: Iterable[int]) -> dict[Path, Step]:
     return {
         path: step
         for step in steps
-        for paths in STAGES[step.stage].output_files(Job(context, step.trial)).values()
-        for path in paths
+        for path in Files(STAGES[step.stage], Job(context, step.trial)).all_outputs()
     }
 
 

@@ -62,7 +62,7 @@ def _rig_state(context: Context) -> RigState:
     last = _newest_fit(context)
     files = Files(STAGES["plan"], Job(context, last + 1))
     arm = load_arm(files.input("arm")).planar()
-    trials = [read_trial(files, number) for number in context.counted_before(last + 1)]
+    trials = [read_trial(files, number) for number in context.counted(range(1, last + 1))]
     task, _ = next_inputs(context, arm, files.input("ensemble"))
     estimate = Estimate.read(files.input("estimate"))
     cameras = filming(Job(context, last))

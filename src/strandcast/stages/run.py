@@ -3,7 +3,6 @@
 import importlib
 import json
 from collections.abc import Iterator, Sequence
-from itertools import chain
 from pathlib import Path
 
 from threadpoolctl import threadpool_limits
@@ -49,7 +48,7 @@ def run_stage(stage: str, root: Path, experiment: str, trial: int = 0, trials: S
 
 def _warnings(files: Files) -> Iterator[str]:
     """Yield the warnings in the records that a stage has written."""
-    for path in chain.from_iterable(files.stage.output_files(files.job).values()):
+    for path in files.all_outputs():
         if path.suffix == ".json" and path.is_file():
             record = json.loads(path.read_bytes())
             yield from (*(record.get("lens") or {}).get("warnings", ()), *record.get("warnings", ()))
@@ -70,8 +69,7 @@ def _how_to_make(files: Files, step: Step) -> str:
 
 def _refuse_unmade(files: Files) -> None:
     """Refuse inputs that another stage has not made yet, and raw files that are not there."""
-    inputs = (path for role in files.stage.inputs for path in files.inputs(role))
-    missing = next((path for path in inputs if not path.is_file()), None)
+    missing = next((path for path in files.all_inputs() if not path.is_file()), None)
     if missing is None:
         return
     context = files.job.context

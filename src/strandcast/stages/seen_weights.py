@@ -1,7 +1,6 @@
 """What weights that the tracker saw, but nobody declared there, would change in the fit."""
 
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 
@@ -17,13 +16,6 @@ from strandcast.tracking.attachments.declared_vs_detected import compared_weight
 PAYS = 0.9  # chosen: a fit is better if E falls below this share; another free mass alone lowers it a little
 
 
-class SeenWeights(NamedTuple):
-    """What weights that were seen elsewhere than declared say: faults, and warnings that are none."""
-
-    faults: list[RigFault]
-    warnings: list[str]
-
-
 def seen_weights(
     context: Context,
     arm: PlanarArm,
@@ -31,8 +23,8 @@ def seen_weights(
     declared_E_m: float,
     seen: Sequence[DetectedWeight],
     random: np.random.Generator,
-) -> SeenWeights:
-    """Return the declared weights that hang elsewhere, and undeclared ones, with the E of both fits.
+) -> tuple[list[RigFault], list[str]]:
+    """Return faults of the declared weights, and warnings of what may be none, with the E of both fits.
 
     The throws are fitted again with the weights where they were seen: those that are nearest to declared ones
     instead of these. A place that explains the throws no better may be a knot or a mark.
@@ -48,7 +40,7 @@ def seen_weights(
     declared_m = [min(weight.place_m, free_m) for weight in context.settings.string.weights]
     displaced, undeclared = compared_weights(seen, declared_m)
     if not displaced and not undeclared:
-        return SeenWeights([], [])
+        return [], []
     stay_m = [place for place in declared_m if place not in [former for former, _ in displaced]]
     new_m = [weight.place_m for weight in (*(weight for _, weight in displaced), *undeclared)]
     places_m = tuple(sorted(stay_m + new_m))
@@ -69,10 +61,10 @@ def seen_weights(
     left_m = [weight.place_m for weight in undeclared] if faults else new_m
     what = f"string.weights: a weight is seen {_mm(left_m)} from the clamp, where none is declared; {tried}"
     if not left_m:
-        return SeenWeights(faults, [])
+        return faults, []
     if E_m < PAYS * declared_E_m:
-        return SeenWeights([*faults, _fault(what, "declare these places")], [])
-    return SeenWeights(faults, [f"{what}: it may be a knot or a mark that weighs little"])
+        return [*faults, _fault(what, "declare these places")], []
+    return faults, [f"{what}: it may be a knot or a mark that weighs little"]
 
 
 def _fault(what: str, fix: str) -> RigFault:

@@ -12,10 +12,9 @@ from strandcast.records.lineage import note_picture
 from strandcast.records.manifest import Manifest
 from strandcast.records.observations import MarkerShape, write_observations
 from strandcast.records.track import TrackSummary
-from strandcast.stages.background import given_background
-from strandcast.stages.cameras import read_camera
 from strandcast.stages.context import Context, aimed_at, free_length_m
 from strandcast.stages.job import Files, Job
+from strandcast.stages.photos import given_background
 from strandcast.tracking.observe import observe
 from strandcast.tracking.registry import track
 from strandcast.tracking.result import Tracked
@@ -30,7 +29,7 @@ def run(job: Job, files: Files) -> None:
     context = job.context
     arm = load_arm(files.input("arm")).planar()
     manifest = Manifest.read(files.input("manifest"))
-    camera = read_camera(context, files.input("cameras"))
+    camera = Camera.read(files.input("cameras"))
     video = job.folder.data / manifest.video.file
     tracked = track(_tracker_input(context, camera, arm, manifest, video), context.settings.track)
     shapes = {marker.id: MarkerShape(marker.size_m, marker.offset_m) for marker in arm.markers}

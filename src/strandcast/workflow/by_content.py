@@ -78,8 +78,3 @@ def changes(job: Any) -> Changes:
     trials = tuple(job.params.trials) if stage == "summary" else ()
     files = Files(STAGES[stage], Job(experiment(names.experiment), int(names.get("trial", 0)), trials))
     return Changes(changes_since_made(files))
-
-
-def no_changes(_: Any) -> Changes:
-    """Return that nothing has changed: a job of a cluster makes what Snakemake has sent it for."""
-    return Changes()

@@ -5,14 +5,13 @@ from pathlib import Path
 
 from strandcast.errors import StrandcastError
 from strandcast.records.files import content_sha256
-from strandcast.records.folders import ExperimentFolder
+from strandcast.records.folders import ExperimentFolder, known_experiments
 from strandcast.records.page import is_made_from, write_page
 from strandcast.records.provenance import current_versions
 from strandcast.records.summary import ExperimentSummary
 from strandcast.report.campaign import Campaign, CampaignExperiment, CampaignTally, WaitingTrial
 from strandcast.stages.code_version import code_version
 from strandcast.workflow.status import failure_in
-from strandcast.workflow.targets import known_experiments
 
 
 def campaign_of(root: Path) -> Campaign:

@@ -13,7 +13,13 @@ from strandcast.records.camera import Camera
 from strandcast.records.folders import TrialFolder, video_suffixes
 from strandcast.records.verified import READERS
 from strandcast.stages import files
-from strandcast.stages.context import Context, context_of, free_length_m, refuse_settings_of_others
+from strandcast.stages.context import (
+    Context,
+    about_settings,
+    context_of,
+    free_length_m,
+    refuse_settings_of_others,
+)
 from strandcast.stages.declarations import STAGES
 from strandcast.stages.job import Files, Job
 from strandcast.stages.made import changes_since_made
@@ -185,11 +191,8 @@ def _check_arm(context: Context, found: Checked) -> None:
     if settings.target_m is None:
         found.facts.append("no target: recordings are fitted; nothing is scored or planned")
         return
-    try:
+    with about_settings(context):
         refuse_unreachable(task)
-    except StrandcastError as error:
-        error.file = str(context.file)
-        raise
     if arm.limits.whole_arm_limited.any() and not context.folder.thrown_trials():
         _search_within_limits(context, arm, found)
 
@@ -253,11 +256,8 @@ def _check_string(context: Context) -> None:
 
     refuse_settings_of_others(context, in_space=context.settings.aims_in_space)
     if context.settings.lab is not None:
-        try:
+        with about_settings(context):
             physical_string(context.settings)
-        except StrandcastError as error:
-            error.file = str(context.file)
-            raise
 
 
 def _check_marker_ids(context: Context, arm: "PlanarArm", found: Checked) -> None:

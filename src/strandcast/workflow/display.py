@@ -5,9 +5,9 @@ import re
 import signal
 import sys
 import time
-from contextlib import suppress
-from types import TracebackType
-from typing import TYPE_CHECKING, Any, Self
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from typing import TYPE_CHECKING, Any
 
 from strandcast.workflow.events import MARK, RunState, StageRun
 
@@ -30,13 +30,10 @@ class Display:
         self._said_so = False
         self._cause = ""
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        pass
+    @contextmanager
+    def shown(self) -> Iterator[None]:
+        """Keep what is shown at the bottom of a terminal, if anything, until the end of the block."""
+        yield
 
     def feed(self, line: str) -> None:
         """Show one line of Snakemake's standard error: an event, or what a job printed."""
@@ -95,15 +92,15 @@ class LiveDisplay(Display):
             redirect_stderr=False,
         )
 
-    def __enter__(self) -> Self:
+    @contextmanager
+    def shown(self) -> Iterator[None]:
+        """Show the table until the end of the block."""
         self._live.start()
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        with suppress(OSError):
-            self._live.stop()  # shows the cursor again
+        try:
+            yield
+        finally:
+            with suppress(OSError):
+                self._live.stop()  # shows the cursor again
 
     def show_event(self, event: dict[str, Any]) -> None:
         """Show an event; a finished stage becomes a line that stays."""

@@ -79,7 +79,7 @@ def _packages(root: Path) -> Iterator[Diagnosis]:
     versions = {name: installed_version(name) for name in required}
     missing = [name for name, version in versions.items() if version is None]
     if missing:
-        fix = install(required[name] for name in missing)
+        fix = install([required[name] for name in missing])
         yield Diagnosis("packages", "problem", f"missing: {', '.join(missing)}", fix)
     faults = {name: fault_of(name) for name in required if name not in missing}
     broken = {name: fault for name, fault in faults.items() if fault is not None}

@@ -43,7 +43,7 @@ def run_snakemake(
     display = display or Display()
     display.say(shlex.join(line))
     with (
-        display,
+        display.shown(),
         # In a session of its own: a signal of the terminal reaches it through this process, once.
         subprocess.Popen(
             [*program, *line[1:]],

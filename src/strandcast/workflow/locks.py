@@ -103,7 +103,7 @@ def _write_owner(path: Path) -> None:
     now = datetime.now(UTC).isoformat(timespec="seconds")
     command = shlex.join([Path(sys.argv[0]).name, *sys.argv[1:]])
     owner = Owner(os.getpid(), socket.gethostname(), now, command)
-    write_text(_owner_file(path), _as_json(owner))
+    write_text(_owner_file(path), json.dumps(owner._asdict(), indent=1) + "\n")
 
 
 def _wait_for_owner(held: SoftFileLease, root: Path, experiment: str) -> None:
@@ -210,10 +210,6 @@ def _lease_file(root: Path, experiment: str) -> Path:
 
 def _owner_file(path: Path) -> Path:
     return path.with_name(".lease-owner.json")
-
-
-def _as_json(owner: Owner) -> str:
-    return json.dumps(owner._asdict(), indent=1) + "\n"
 
 
 def _sweep(folder: ExperimentFolder) -> None:

@@ -120,20 +120,20 @@ def _leading_to(
 
 
 def _task(context: Context, step: Step, trials: list[int], makers: Mapping[str, Step]) -> StepState:
-    stage, root = STAGES[step.stage], context.folder.root
-    job = Job(context, step.trial, tuple(trials) if step == TARGET else ())
+    root, covered = context.folder.root, tuple(trials) if step == TARGET else ()
+    files = Files(STAGES[step.stage], Job(context, step.trial, covered))
     inputs: list[str] = []
     problem: StrandcastError | None = None
     try:
-        paths = [path for paths in stage.input_files(job).values() for path in paths]
+        paths = files.all_inputs()
         inputs = [relative_to(root, path) for path in paths]
         unmade = (path for path, name in zip(paths, inputs, strict=True) if name not in makers)
         if missing := [missing_file(context, path) for path in unmade if not path.exists()]:
             problem = StrandcastErrors(missing)
     except StrandcastError as error:
         problem = error
-    outputs = [relative_to(root, path) for paths in stage.output_files(job).values() for path in paths]
-    return StepState(Files(stage, job), inputs, outputs, problem)
+    outputs = [relative_to(root, path) for path in files.all_outputs()]
+    return StepState(files, inputs, outputs, problem)
 
 
 def _decide(

@@ -66,29 +66,24 @@ def executor_of(folder: Path) -> str | None:
     Raises
     ------
     StrandcastError
-        SC-W021 the profile cannot be read; SC-W037 it has the project's files in object storage.
+        SC-F002 the profile cannot be read; SC-W037 it has the project's files in object storage.
     """
-    settings = _settings_in(folder)
+    path = _profile_file(folder)
+    try:
+        loaded = {} if path is None else load_yaml(read_bounded(path))
+    except ValueError as error:
+        raise StrandcastError("SC-F002", f"the profile cannot be read: {error}", file=path) from error
+    settings: dict[str, Any] = loaded if isinstance(loaded, dict) else {}
     if "default-storage-provider" in settings:
         raise StrandcastError(
             "SC-W037",
             "the profile has raw data and results in object storage, and strandcast works with files on disk",
-            file=_profile_file(folder),
+            file=path,
             cost="nothing was run",
             fix=f"let Snakemake run it: snakemake --workflow-profile {shlex.quote(str(folder))} "
             "--default-storage-prefix s3://BUCKET/PROJECT",
         )
     return settings.get("executor")
-
-
-def _settings_in(folder: Path) -> dict[str, Any]:
-    """Return the settings in a profile."""
-    path = _profile_file(folder)
-    try:
-        settings = {} if path is None else load_yaml(read_bounded(path))
-    except ValueError as error:
-        raise StrandcastError("SC-F002", f"the profile cannot be read: {error}", file=path) from error
-    return settings if isinstance(settings, dict) else {}
 
 
 def _profile_file(folder: Path) -> Path | None:

@@ -10,7 +10,7 @@ from strandcast.config.find import overlooked_experiments
 from strandcast.core.trial_names import trial_name
 from strandcast.errors import ENVIRONMENT, INTEGRITY, StrandcastError
 from strandcast.records.estimate import UNDER_PREVIOUS, Estimate
-from strandcast.records.folders import ExperimentFolder, is_project, trial_folders, video_suffixes
+from strandcast.records.folders import ExperimentFolder, is_project, trial_folders
 from strandcast.records.known_hashes import remembered
 from strandcast.records.summary import ExperimentSummary, TrialSummary, miss_in_words
 from strandcast.report.campaign import CampaignTally
@@ -29,8 +29,8 @@ from strandcast.workflow.pages import render_pages
 from strandcast.workflow.pending import changed_raw_files, lost_results
 from strandcast.workflow.project import DEFAULT_PROFILE, executor_of, profile
 from strandcast.workflow.slurm import SLURM, require_slurm, status_options
-from strandcast.workflow.status import is_fresh, known_trials
-from strandcast.workflow.targets import default_experiments, experiment, targets_of
+from strandcast.workflow.status import is_fresh
+from strandcast.workflow.targets import default_experiments, experiment, known_trials, targets_of
 from strandcast.workflow.verify import Finding, verify
 
 LEAST_CORES = 2
@@ -158,7 +158,8 @@ def run_experiments(root: Path, experiments: list[str], options: RunOptions) -> 
     partial = options.dry_run or options.until is not None
     not_made = waiting if sound and codes[-1] != 0 else damaged
     made = [name for name in names if name not in not_made]
-    summaries = [] if partial else [_read_summary(root, name) for name in made]
+    written = [ExperimentFolder(root, name).results / "summary.json" for name in made]
+    summaries = [] if partial else [ExperimentSummary.read(path) for path in written]
     codes += [INTEGRITY for summary in summaries if summary.all_unread()]
     campaign = None if partial else write_campaign(root)
     return RunResult(max(codes, default=0), state.seen, state.failed, damaged, summaries, refused, campaign)
@@ -198,20 +199,10 @@ def _report_damage(root: Path, experiment: str, damaged: list[Finding], dry_run:
     print(f"{experiment}: not run, because of the files above; its pages say so", file=sys.stderr)
 
 
-def _read_summary(root: Path, experiment: str) -> ExperimentSummary:
-    return ExperimentSummary.read(ExperimentFolder(root, experiment).results / "summary.json")
-
-
-def films(root: Path, experiment: str) -> list[Path]:
-    """Return the videos of an experiment's trials."""
-    folders = trial_folders(ExperimentFolder(root, experiment).data).values()
-    files = [file for folder in folders for file in sorted(folder.glob("video.*"))]
-    return [file for file in files if file.suffix.lower() in video_suffixes()]
-
-
 def table(root: Path, summary: ExperimentSummary) -> list[str]:
     """Return an experiment's trials as lines of text."""
-    page = ExperimentFolder(root, summary.experiment).results / "report.html"
+    folder = ExperimentFolder(root, summary.experiment)
+    page = folder.results / "report.html"
     target = "no target" if summary.target_m is None else f"target {summary.target_m} m"
     lines = [f"{summary.experiment}: string of {summary.string_length_m:g} m, {target}"]
     for trial in summary.trials:
@@ -230,7 +221,7 @@ def table(root: Path, summary: ExperimentSummary) -> list[str]:
         )
     if summary.next_motion_sha256 is not None:
         number = summary.trials[-1].trial + 1 if summary.trials else 1
-        following = ExperimentFolder(root, summary.experiment).trial(number)
+        following = folder.trial(number)
         context = context_of(root, summary.experiment)
         motion = following.results / "motion.json"
         expected = expected_miss(readable_motion(motion))
@@ -242,7 +233,8 @@ def table(root: Path, summary: ExperimentSummary) -> list[str]:
             step = f"{first}; then throw again"
         lines.append(f"  next:   {step}")
     lines.append(f"  report: {page}")
-    return [*lines, *(f"  film:   {film}" for film in films(root, summary.experiment))]
+    films = (film for number in trial_folders(folder.data) for film in folder.trial(number).videos())
+    return [*lines, *(f"  film:   {film}" for film in films)]
 
 
 def _fitted(folder: Path, trial: TrialSummary) -> list[str]:

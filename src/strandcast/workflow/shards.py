@@ -6,15 +6,15 @@ On a single machine, groups and requests have no effect.
 """
 
 import math
-from functools import cache
 
 from strandcast.core.trial_names import trial_name
 from strandcast.records.folders import files_of_video
 from strandcast.records.listing import size_bytes_of
+from strandcast.stages.producers import BY_CAMERA
 from strandcast.workflow.targets import experiment, supplied_trials
 
 # What a throw needs before it is fitted. In the lab, the next throw depends on the fit: all is one chain.
-OF_A_THROW = ("ingest", "track", "reconstruct", "clip", "align", "score")
+OF_A_THROW = (*BY_CAMERA, "score")
 THROWS = "throws"  # ends the names of these groups; a profile's `group-components` says how many are merged
 
 # Measured: the two Snakemakes of a job take 350 MB; stages of the demo at most 450 MB, but `track` 613 MB.
@@ -37,15 +37,9 @@ def shard_of(stage: str, name: str, trial: int = 0) -> str | None:
         return None if stage == "summary" else name
     if stage == "calibrate":
         return None
-    if stage in OF_A_THROW and trial_name(trial) not in supplied().get(name, ()):
+    if stage in OF_A_THROW and trial_name(trial) not in supplied_trials().get(name, ()):
         return f"{name}.{THROWS}"
     return name
-
-
-@cache
-def supplied() -> dict[str, list[str]]:
-    """Return the trials with a track that was measured elsewhere, by experiment; read once."""
-    return supplied_trials()
 
 
 def memory_mb(stage: str, name: str, trial: int = 0, attempt: int = 1) -> int:

@@ -17,7 +17,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, NamedTuple, Protocol
+from typing import Any, Protocol
 
 from filelock import FileLock, Timeout
 
@@ -27,7 +27,7 @@ from strandcast.executor.drivers.protocol import Driver
 from strandcast.executor.drivers.registry import driver_of_arm
 from strandcast.executor.dry_run_report import dry_run_report
 from strandcast.executor.play import play
-from strandcast.executor.preflight import PlayOptions, Preflight, read_motion, run_preflight
+from strandcast.executor.preflight import Elsewhere, PlayOptions, Preflight, read_motion, run_preflight
 from strandcast.imports.joints import Reading
 from strandcast.imports.ros_bags import SUFFIXES as BAGS
 from strandcast.progress import print_line, set_context
@@ -46,7 +46,7 @@ from strandcast.workflow.locks import lease, living_owner
 from strandcast.workflow.pending import tasks_of
 from strandcast.workflow.watched_folder import (
     PICTURE_FOLDER,
-    Unsettled,
+    Unusable,
     are_complete,
     copy_film,
     facts_of,
@@ -85,17 +85,6 @@ class Person(Protocol):
 
     def show_pages(self, text: str) -> None:
         """Show that the pages have changed."""
-
-
-class Unusable(Exception):
-    """Why a throw cannot be used, or must not be made, in one sentence."""
-
-
-class Elsewhere(NamedTuple):
-    """In place of the driver, for an arm that another computer moves: what is asked before a throw."""
-
-    rate_hz: float
-    streams: bool = False
 
 
 @dataclass(frozen=True)
@@ -232,7 +221,7 @@ def _arrivals(context: Context, record: dict[str, Any], trial: TrialFolder) -> A
     """Return a function that finds what has come into the watched folder since a trial was thrown."""
     given, before = context.settings.sitting.folder, None
     folder = context.folder.root / (given or "")
-    with suppress(Unsettled):
+    with suppress(Unusable):
         if given is not None:  # thrown by another command: what comes from now on
             before = (record["folder"] if record.get("trial") == trial.number else None) or listing(folder)
     return lambda suffixes: [] if before is None else new_files(folder, before, suffixes)
@@ -427,10 +416,7 @@ def _make_ready(
         raise Unusable("another motion was planned meanwhile")
     if (owner := living_owner(sitting.root, sitting.name)) is not None:
         raise Unusable(f"another run has not ended: {owner}")
-    try:
-        before = None if given is None else listing(context.folder.root / given)
-    except Unsettled as reason:
-        raise Unusable(str(reason)) from reason
+    before = None if given is None else listing(context.folder.root / given)
     _write_record(context, {"trial": trial.number, "folder": before, "thrown": False})
     if hand_over:
         trial.data.mkdir(parents=True, exist_ok=True)

@@ -20,11 +20,10 @@ from strandcast.workflow import stage_client
 DIRECTLY = "python -m strandcast"
 SERVER = "strandcast.cli.serve_stages"
 BACKLOG = 1000  # more jobs than start while a module is imported
-HERE = Path()
 PATIENCE_S = 5.0  # chosen: without jobs, the server ends within milliseconds
 
 
-def start(folder: Path = HERE) -> str:
+def start(folder: Path = Path()) -> str:
     """Start a server that ends with this process; return the shell command that stands for `strandcast`.
 
     Its commands run in a folder.

@@ -5,19 +5,19 @@ It starts nothing and changes nothing. What it calls stale is what `strandcast r
 
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Literal, NamedTuple
+from typing import Literal
 
 from strandcast.errors import StrandcastError
 from strandcast.records.known_hashes import remembered
 from strandcast.records.lineage import relative_to
 from strandcast.records.record import read_json
-from strandcast.records.verdict import Verdict
 from strandcast.stages.context import Context, context_of
 from strandcast.stages.producers import Step, play_command, recording_advice, steps_of, to_correct_first
 from strandcast.workflow.locks import living_owner
 from strandcast.workflow.pending import StepState, tasks_of
+from strandcast.workflow.targets import known_trials
 from strandcast.workflow.verify import Finding, verify
 
 State = Literal["done", "stale", "missing", "failed", "damaged", "excluded"]
@@ -27,7 +27,8 @@ CODED = re.compile(r"^(SC-[A-Z]\d{3}) ERROR  (.*)", re.MULTILINE)
 UNCODED = re.compile(r"^\S*(?:Error|Exception|Interrupt)\b.*", re.MULTILINE)  # the last line of a traceback
 
 
-class StageStatus(NamedTuple):
+@dataclass(frozen=True)
+class StageStatus:
     """The state of one stage of one trial.
 
     Attributes
@@ -44,13 +45,14 @@ class StageStatus(NamedTuple):
 
     stage: str
     state: State
-    why: list[str] = []
+    why: list[str] = field(default_factory=list)
     after: str | None = None
     code: str | None = None
     runs: bool = False
 
 
-class PlayedMotion(NamedTuple):
+@dataclass(frozen=True)
+class PlayedMotion:
     """What the arm played in a trial.
 
     Attributes
@@ -135,24 +137,6 @@ def is_fresh(context: Context) -> bool:
     """Return whether a run would find nothing to do: all results are there, and as their notes say."""
     trials, more = known_trials(context)
     return not more and not any(task.runs or task.problem for task in tasks_of(context, trials, {}).values())
-
-
-def known_trials(context: Context) -> tuple[list[int], bool]:
-    """Return the trials that the page covers, and whether the lab throws one that has no verdict yet."""
-    settings, folder = context.settings, context.folder
-    if settings.lab is None:
-        return folder.recorded_trials(), False
-    numbers: list[int] = []
-    for number in range(1, settings.max_trials + 1):
-        numbers.append(number)
-        if context.counted([number]):
-            try:
-                hit = Verdict.read(folder.trial(number).results / "verdict.json").hit
-            except StrandcastError:
-                return numbers, True
-            if hit and number >= settings.min_trials:
-                break
-    return numbers, False
 
 
 def _trial(

@@ -5,31 +5,24 @@ All paths are relative to the project's root, where Snakemake runs.
 
 import difflib
 import re
-from collections.abc import Callable, Iterable
-from contextlib import suppress
+from collections.abc import Callable, Iterable, Iterator
 from functools import cache
 from pathlib import Path
 
 from strandcast.config.find import NAME
 from strandcast.core.trial_names import PREFIX, TRIAL_DIGITS, trial_digits, trial_name
 from strandcast.errors import StrandcastError
-from strandcast.records.folders import ExperimentFolder, trial_folders
+from strandcast.records.folders import ExperimentFolder, known_experiments, own_experiments, trial_folders
 from strandcast.records.listing import file_exists
 from strandcast.records.verdict import Verdict
 from strandcast.stages import code_version, files
 from strandcast.stages.context import Context, context_of
 from strandcast.stages.declarations import STAGES
-from strandcast.stages.job import Job, Pattern
+from strandcast.stages.job import Files, Job, Pattern
+from strandcast.stages.producers import BY_CAMERA
 
 ROOT = Path()
 DEMO = "demo"
-WITH_CAMERA = (
-    "ingest",
-    "track",
-    "reconstruct",
-    "clip",
-    "align",
-)  # a supplied track needs none of these stages
 NEVER = "(?!)"  # the pattern that matches nothing
 # results/paper and results/paper-quick are not experiments: they hold the summaries of many.
 EXPERIMENT = rf"(?!paper(?:-quick)?(?:/|$)){NAME}"
@@ -37,39 +30,29 @@ TRIAL = TRIAL_DIGITS
 CAMERA = r"[a-z0-9][a-z0-9_-]{0,31}"
 
 
-def own_experiments(root: Path = ROOT) -> list[str]:
-    """Return the experiments under data/."""
-    return sorted(path.parent.name for path in root.glob("data/*/experiment.yaml"))
-
-
-def known_experiments(root: Path = ROOT) -> list[str]:
-    """Return the experiments under data/ and those that ship with the project."""
-    return sorted({*own_experiments(root), *(path.stem for path in root.glob("config/experiments/*.yaml"))})
-
-
 def default_experiments(root: Path = ROOT) -> list[str]:
     """Return the experiments that are run if none is named: those under data/, or the demonstration."""
     return own_experiments(root) or [DEMO]
 
 
-def lab_experiments(root: Path = ROOT, *, captures: bool | None = None) -> list[str]:
+def lab_experiments(*, captures: bool | None = None) -> list[str]:
     """Return the experiments that the lab throws; an invalid one is reported when it is asked for.
 
     With `captures`, only those that it captures in space, or only those that it films.
     """
-    lab = [name for name in known_experiments(root) if _is_lab(root, name)]
-    return [name for name in lab if captures in (None, experiment(name, root).settings.lab_captures)]
+    lab = [name for name in known_experiments(ROOT) if _is_lab(name)]
+    return [name for name in lab if captures in (None, experiment(name).settings.lab_captures)]
 
 
-def real_experiments(root: Path = ROOT) -> list[str]:
+def real_experiments() -> list[str]:
     """Return the experiments with recordings of a real rig, invalid ones too."""
-    lab = lab_experiments(root)
-    return [name for name in known_experiments(root) if name not in lab]
+    lab = lab_experiments()
+    return [name for name in known_experiments(ROOT) if name not in lab]
 
 
-def _is_lab(root: Path, name: str) -> bool:
+def _is_lab(name: str) -> bool:
     try:
-        return experiment(name, root).settings.lab is not None
+        return experiment(name).settings.lab is not None
     except StrandcastError:
         return False
 
@@ -90,34 +73,35 @@ def other_names_pattern(names: Iterable[str]) -> str:
     return f"(?!(?:{names_pattern(names)})/){EXPERIMENT}"
 
 
-def with_files(*names: str, experiments: Iterable[str], root: Path = ROOT) -> dict[str, list[str]]:
+def with_files(*names: str, experiments: Iterable[str]) -> dict[str, list[str]]:
     """Return the trials that have all of some raw files, by experiment."""
     found = {}
     for name in experiments:
-        folders = trial_folders(root / "data" / name).values()
+        folders = trial_folders(ROOT / "data" / name).values()
         trials = [folder.name for folder in folders if all(file_exists(folder / file) for file in names)]
         if trials:
             found[name] = trials
     return found
 
 
-def supplied_trials(root: Path = ROOT) -> dict[str, list[str]]:
-    """Return the trials whose track and alignment were measured elsewhere, by experiment.
+@cache
+def supplied_trials() -> dict[str, list[str]]:
+    """Return the trials whose track and alignment were measured elsewhere, by experiment; read once.
 
     Of the lab's captures, that is a pattern of them all: they can be named before they exist.
     """
-    there = with_files(*files.SUPPLIED_FILES.values(), experiments=known_experiments(root), root=root)
-    return there | {name: [f"{PREFIX}(?:{TRIAL_DIGITS})"] for name in lab_experiments(root, captures=True)}
+    there = with_files(*files.SUPPLIED_FILES.values(), experiments=known_experiments(ROOT))
+    return there | {name: [f"{PREFIX}(?:{TRIAL_DIGITS})"] for name in lab_experiments(captures=True)}
 
 
-def played_trials(root: Path = ROOT) -> dict[str, list[str]]:
+def played_trials() -> dict[str, list[str]]:
     """Return the trials that a real arm has played with a known motion, by experiment."""
-    return with_files("motion.json", experiments=real_experiments(root), root=root)
+    return with_files("motion.json", experiments=real_experiments())
 
 
-def thrown_trials(root: Path = ROOT) -> dict[str, list[str]]:
+def thrown_trials() -> dict[str, list[str]]:
     """Return the trials with raw files of a real rig, by experiment: no motion is planned over theirs."""
-    found = {name: ExperimentFolder(root, name).thrown_trials() for name in real_experiments(root)}
+    found = {name: ExperimentFolder(ROOT, name).thrown_trials() for name in real_experiments()}
     return {name: [trial_name(number) for number in numbers] for name, numbers in found.items() if numbers}
 
 
@@ -141,7 +125,7 @@ def stage_inputs(
     that were made with an input.
     """
     job = Job(experiment(name), trial, tuple(trials))
-    found = STAGES[stage].input_files(job)
+    found = {role: find(job) for role, find in STAGES[stage].inputs.items()}
     if all_read:
         records = {path for paths in found.values() for path in paths}
         found |= {
@@ -161,22 +145,12 @@ def stage_outputs(stage: str) -> dict[str, Pattern]:
     return dict(STAGES[stage].outputs)
 
 
-def arm_files(name: str) -> list[str]:
-    """Return the file of an experiment's arm, and its URDF."""
-    return [str(path) for path in files.arm(Job(experiment(name)))]
-
-
-def settings_at(name: str, *paths: str) -> str:
-    """Return some settings of an experiment, as one line of JSON."""
-    return code_version.settings_at(experiment(name).settings, *paths)
-
-
 def stage_settings(stage: str, name: str, trial: int = 0) -> str:
     """Return the settings that a stage reads, as one line of JSON."""
     return code_version.settings(Job(experiment(name), trial), stage)
 
 
-def trials_of(name: str, verdict_of: Callable[[str], str], root: Path = ROOT) -> list[int]:
+def trials_of(name: str, verdict_of: Callable[[str], str]) -> list[int]:
     """Return the trials of an experiment: those recorded, or in the lab, all until a hit.
 
     Parameters
@@ -184,18 +158,33 @@ def trials_of(name: str, verdict_of: Callable[[str], str], root: Path = ROOT) ->
     verdict_of
         Returns the path of the verdict of a trial, given as ``01`` or ``100``, once it exists.
     """
-    context = experiment(name, root)
-    limits = context.settings
-    if limits.lab is None:
+    context = experiment(name)
+    if context.settings.lab is None:
         return context.folder.recorded_trials()
-    thrown: list[int] = []
-    for number in range(1, limits.max_trials + 1):
-        thrown.append(number)
+    return list(_trials_in_lab(context, lambda number: verdict_of(trial_digits(number))))
+
+
+def known_trials(context: Context) -> tuple[list[int], bool]:
+    """Return the trials that the page covers, and whether the lab throws one that has no verdict yet."""
+    if context.settings.lab is None:
+        return context.folder.recorded_trials(), False
+    numbers: list[int] = []
+    try:
+        for number in _trials_in_lab(context, lambda k: context.folder.trial(k).results / "verdict.json"):
+            numbers.append(number)
+    except StrandcastError:
+        return numbers, True
+    return numbers, False
+
+
+def _trials_in_lab(context: Context, verdict_of: Callable[[int], str | Path]) -> Iterator[int]:
+    """Yield the trials of the lab until a hit; each verdict is read before the next trial."""
+    for number in range(1, context.settings.max_trials + 1):
+        yield number
         if context.counted([number]):
-            verdict = Verdict.read(verdict_of(trial_digits(number)))
+            verdict = Verdict.read(verdict_of(number))
             if context.is_last(number, bool(verdict.hit)):
-                break
-    return thrown
+                return
 
 
 def targets_of(name: str, until: str | None = None, root: Path = ROOT) -> list[str]:
@@ -220,15 +209,15 @@ def targets_of(name: str, until: str | None = None, root: Path = ROOT) -> list[s
             field="--until",
             fix=(f"did you mean {near[0]}?" if near else f"one of {', '.join(known)}").replace("_", "-"),
         )
-    trials = _trials_so_far(name, root)
+    trials, _ = known_trials(context)
     if stage == "plan":
         trials = [max(trials, default=0) + 1]  # the next motion
     found: list[str] = []
     for trial in trials or [0]:
         job = Job(context, trial, tuple(trials))
-        made_by = "register_track" if stage in WITH_CAMERA and files.supplied(job, trial) else stage
-        outputs = STAGES[made_by].output_files(job)
-        if not trials and any(trial_name(0) in path.parts for paths in outputs.values() for path in paths):
+        made_by = "register_track" if stage in BY_CAMERA and files.supplied(job, trial) else stage
+        outputs = Files(STAGES[made_by], job).all_outputs()
+        if not trials and any(trial_name(0) in path.parts for path in outputs):
             raise StrandcastError(
                 "SC-W021",
                 f"{name} has no trial yet, and {until} needs one",
@@ -237,7 +226,7 @@ def targets_of(name: str, until: str | None = None, root: Path = ROOT) -> list[s
                 if context.settings.target_m is None
                 else f"plan the first motion: strandcast plan {name} 1; then throw it, or import its track",
             )
-        found += [path.relative_to(root).as_posix() for paths in outputs.values() for path in paths]
+        found += [path.relative_to(root).as_posix() for path in outputs]
     return list(dict.fromkeys(found))
 
 
@@ -247,18 +236,3 @@ def _runs(stage: str, context: Context) -> bool:
     if stage in ("lab_calibrate", "lab_throw", "lab_capture") and context.settings.lab is not None:
         return (stage == "lab_capture") == context.settings.lab_captures
     return not stage.startswith("lab_")
-
-
-def _trials_so_far(name: str, root: Path) -> list[int]:
-    context = experiment(name, root)
-    if context.settings.lab is None:
-        return context.folder.recorded_trials()
-    asked: list[int] = []
-
-    def verdict_of(trial: str) -> str:
-        asked.append(int(trial))
-        return str(context.folder.trial(int(trial)).results / "verdict.json")
-
-    with suppress(StrandcastError):  # that one is not thrown yet
-        return trials_of(name, verdict_of, root)
-    return list(range(1, asked[-1] + 1))

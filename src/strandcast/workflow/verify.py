@@ -6,7 +6,7 @@ from typing import Literal, NamedTuple
 
 from strandcast.core.trial_names import in_trial_order
 from strandcast.errors import INTEGRITY, StrandcastError
-from strandcast.records.folders import ExperimentFolder, TrialFolder, trial_folders
+from strandcast.records.folders import ExperimentFolder, TrialFolder
 from strandcast.records.joint_log import Run, read_run
 from strandcast.records.lineage import MISPLACED, OUTDATED, Lineage, check_picture
 from strandcast.records.manifest import Manifest
@@ -32,7 +32,7 @@ class Finding(NamedTuple):
 def verify(root: Path, experiment: str, *, raw: bool = True) -> list[Finding]:
     """Return what is wrong with an experiment's files; with `raw`, videos and joint logs are hashed too."""
     folder = ExperimentFolder(root, experiment)
-    trials = [folder.trial(number) for number in _numbers(folder)]
+    trials = [folder.trial(number) for number in folder.all_trials()]
     places = [folder.results, folder.results / "cameras", *(trial.results for trial in trials)]
     lineages: list[Lineage] = []
     findings = [finding for place in places for finding in _verify_results(place, lineages)]
@@ -63,10 +63,6 @@ def refuse_changed_files(root: Path, experiment: str) -> None:
         fix = f"strandcast verify {experiment} lists all, with a fix for each"
         what = f"{first.what}{others}"
         raise StrandcastError("SC-I053", what, file=first.file, fix=fix, exit_code=INTEGRITY)
-
-
-def _numbers(folder: ExperimentFolder) -> list[int]:
-    return sorted({*trial_folders(folder.data), *trial_folders(folder.results)})
 
 
 def _missing(root: Path, lineages: list[Lineage]) -> Iterator[Finding]:

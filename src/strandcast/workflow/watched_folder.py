@@ -17,8 +17,8 @@ PICTURE_FOLDER = "/"  # stands for the suffix of a folder of pictures
 UNFINISHED = ("SC-V005", "SC-V022")
 
 
-class Unsettled(Exception):
-    """The folder cannot be read, or a file in it still changes; the text says which."""
+class Unusable(Exception):
+    """Why a throw cannot be used, or must not be made, in one sentence."""
 
 
 def listing(folder: Path) -> dict[str, Any]:
@@ -26,17 +26,17 @@ def listing(folder: Path) -> dict[str, Any]:
 
     Raises
     ------
-    Unsettled
+    Unusable
         It cannot be read, or a file changes within a second.
     """
     before = facts_of(folder)
     time.sleep(STEADY_S)
     now = facts_of(folder)
     if before is None or now is None:
-        raise Unsettled(f"{folder} cannot be read")
+        raise Unusable(f"{folder} cannot be read")
     changing = sorted({path.name for path, facts in now.items() if before.get(path) != facts})
     if changing:
-        raise Unsettled(f"{', '.join(changing)} in {folder} still changes: wait for it")
+        raise Unusable(f"{', '.join(changing)} in {folder} still changes: wait for it")
     files = {printable(path.name): facts for path, facts in now.items()}
     return {"device": folder.stat().st_dev, "files": files}
 

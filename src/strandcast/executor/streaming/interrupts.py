@@ -6,8 +6,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import FrameType
 
-# Ctrl-C, a request to terminate, and a closed terminal or broken connection.
-ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+from strandcast.errors import ENDING_SIGNALS
 
 
 @contextmanager
@@ -22,7 +21,7 @@ def interrupts(report: Callable[[str], None]) -> Iterator[None]:
 
     # Under nohup, a closed terminal is not a request to stop.
     unwanted = {signal.SIGHUP} if signal.getsignal(signal.SIGHUP) is signal.SIG_IGN else set()
-    before = {number: signal.signal(number, note) for number in ENDING if number not in unwanted}
+    before = {number: signal.signal(number, note) for number in ENDING_SIGNALS if number not in unwanted}
     try:
         yield
     finally:

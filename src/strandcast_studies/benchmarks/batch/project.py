@@ -10,12 +10,12 @@ from pathlib import Path
 from ruamel.yaml import YAML
 
 from strandcast.core.trial_names import trial_name
+from strandcast.records.folders import own_experiments
 from strandcast.stages.context import context_of
 from strandcast.stages.declarations import STAGES
 from strandcast.stages.made import Note
 from strandcast.workflow.pending import tasks_of
 from strandcast.workflow.project import make_project
-from strandcast.workflow.targets import own_experiments
 
 DONOR = "demo"
 

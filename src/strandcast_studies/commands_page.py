@@ -1,4 +1,4 @@
-"""docs/reference/commands.md, from the help of the commands: `python -m strandcast.cli.commands_page`."""
+"""docs/reference/commands.md, from the help of the commands: `python -m strandcast_studies.commands_page`."""
 
 from collections.abc import Iterator
 from typing import Any
@@ -9,7 +9,7 @@ from strandcast.cli.app import app
 
 HEAD = """# Commands
 
-<!-- made by: python -m strandcast.cli.commands_page > docs/reference/commands.md -->
+<!-- made by: python -m strandcast_studies.commands_page > docs/reference/commands.md -->
 
 `strandcast COMMAND --help` explains arguments and options; those in brackets may be left out. With `--json`,
 a command prints one JSON object, also for an error (`code`, `message`, `file`, `line`, `field`, `cost`,

@@ -1,4 +1,4 @@
-"""docs/reference/settings.md, from the settings: `python -m strandcast.config.settings_page`."""
+"""docs/reference/settings.md, from the settings: `python -m strandcast_studies.settings_page`."""
 
 import json
 import types
@@ -16,7 +16,7 @@ from strandcast.config.schema import models_in
 
 HEAD = """# Settings of experiment.yaml
 
-<!-- made by: python -m strandcast.config.settings_page > docs/reference/settings.md -->
+<!-- made by: python -m strandcast_studies.settings_page > docs/reference/settings.md -->
 
 Each setting with its default, the values that it takes where the default does not show them (x is a number,
 n a whole number), and what it means; a name ends in its unit. `strandcast check EXPERIMENT` reports every
@@ -29,6 +29,14 @@ Rows = list[tuple[str, FieldInfo]]
 def settings_page() -> str:
     """Return the page of all settings: a list for each group."""
     return HEAD + "".join(_group(*group) for group in (*groups(Experiment, "", ""), *papers_groups()))
+
+
+def fields(model: type[BaseModel] = Experiment, path: str = "") -> Iterator[tuple[str, FieldInfo]]:
+    """Yield the path and declaration of each setting, sections included."""
+    for name, field in model.model_fields.items():
+        yield f"{path}{name}", field
+        for section in models_in(field.annotation):
+            yield from fields(section, f"{path}{name}.")
 
 
 def papers_groups() -> Iterator[tuple[str, str, Rows]]:
