@@ -26,6 +26,7 @@ import pytest
 import tifffile
 
 from strandcast.arm.load import load_arm
+from strandcast.arm.urdf import posed
 from strandcast.config.load import load_experiment
 from strandcast.errors import StrandcastError
 from strandcast.executor.checks import check_motion
@@ -514,7 +515,7 @@ def arm(path: Path) -> Any:
     return (
         found.joints,
         found.limits.lower_rad.tolist(),
-        found.coordinates(np.zeros(len(found.joints))).tolist(),
+        posed(found.model(), found.held).qpos.tolist(),
     )
 
 

@@ -7,7 +7,6 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from strandcast.arm.load import load_arm
-from strandcast.arm.spatial import hand_path
 from strandcast.errors import StrandcastError
 from strandcast.imports.throw_in_space import ThrownBy, place_capture, placement_warnings, standard_error_m
 
@@ -37,7 +36,7 @@ def moved(root: Path, travel_rad: list[float], wrist_turns: bool = False, rest_s
             q[:, joint] += 0.6 * (
                 eased(time_s, begin_s, begin_s + 1) - eased(time_s, begin_s + 1, begin_s + 2)
             )
-    return ThrownBy(time_s, hand_path(arm.chain, q), (START_S, END_S))
+    return ThrownBy(time_s, arm.hand_path(q), (START_S, END_S))
 
 
 @pytest.fixture(scope="module")

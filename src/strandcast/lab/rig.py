@@ -7,7 +7,7 @@ import mujoco
 import numpy as np
 
 from strandcast.arm.load import Arm, PlanarArm, clamp_frame
-from strandcast.arm.urdf import read_spec
+from strandcast.arm.urdf import dofs_of, read_spec
 from strandcast.lab.servo import JointDrives
 from strandcast.lab.strings import PhysicalString
 
@@ -175,11 +175,6 @@ def driven_arm(arm: Arm, drive: JointDrives, upwards: np.ndarray, dt_s: float) -
 def held_dofs(model: mujoco.MjModel, arm: Arm) -> dict[int, float]:
     """Return the angle [rad] of each held joint, by coordinate."""
     return {int(model.joint(name).dofadr[0]): angle for name, angle in arm.held.items()}
-
-
-def dofs_of(model: mujoco.MjModel, names: tuple[str, ...] | list[str]) -> np.ndarray:
-    """Return the coordinates of hinges by name."""
-    return np.array([int(model.joint(name).dofadr[0]) for name in names])
 
 
 def _bends(links: list[StringLink], k: int) -> bool:

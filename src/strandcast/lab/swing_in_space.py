@@ -10,12 +10,12 @@ from scipy.spatial.transform import Rotation
 
 from strandcast.arm.load import SpatialArm
 from strandcast.arm.spatial import clamp_axes
+from strandcast.arm.urdf import dofs_of
 from strandcast.core.trajectory import JointTrajectory
 from strandcast.errors import FAILED_TRIALS, StrandcastError
 from strandcast.lab.rig import (
     LabRig,
     StringLink,
-    dofs_of,
     driven_arm,
     held_dofs,
     links_of,
