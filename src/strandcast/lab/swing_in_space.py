@@ -22,7 +22,7 @@ from strandcast.lab.rig import (
     weight_radius_m,
 )
 from strandcast.lab.servo import JointDrives, ServoSetPoints
-from strandcast.lab.strings import PhysicalString
+from strandcast.lab.strings import DAMPING_TIME_S, PhysicalString
 from strandcast.lab.swing import LabSwing, ServoLoop, arm_at_start, force_at_rest, swing_on
 from strandcast.lab.variation import ThrowVariation
 
@@ -148,7 +148,7 @@ def _hang(
             name=f"ball_{k}",
             type=mujoco.mjtJoint.mjJNT_BALL,
             stiffness=[stiffness, 0, 0],
-            damping=[stiffness * string.damping_time_s, 0, 0],
+            damping=[stiffness * DAMPING_TIME_S, 0, 0],
         )
         _add_shapes(body, link, string, length)
         place = np.array([length, 0.0, 0.0])
