@@ -33,7 +33,7 @@ from strandcast.lab.throw import photograph_boards
 from strandcast.workflow.project import make_project
 
 ARM = "planar3"
-UNBOUNDED = Box.unchecked((-np.inf, np.inf), (-np.inf, np.inf))  # a virtual arm can hurt nobody
+UNBOUNDED_M = np.array([[-np.inf, np.inf]] * 2)  # a virtual arm can hurt nobody
 WORKSPACE_M = {"x_m": [-0.75, 1.25], "y_m": [-0.32, 0.80]}
 # Searches smaller than the defaults: what a page says of a fault does not depend on the next plan.
 SETTINGS: dict[str, Any] = {
@@ -196,7 +196,7 @@ def throw(root: Path, name: str, trial: int, case: BadThrow, rig: Experiment, ar
     truth = root / "rig" / f"{name}-{trial}-truth.parquet"
     driver = LabDriver(LabThrow(name, rig, trial, truth, case.slip), arm, scene)
     out = root / "data" / name / trial_name(trial)
-    preflight = run_preflight(planned, replace(declared, workspace=UNBOUNDED), driver, out)
+    preflight = run_preflight(planned, replace(declared, box_m=UNBOUNDED_M), driver, out)
     driver.move_to_start(preflight.motion.trajectory().q_rad[0])
     play(preflight, driver, preflight.short_hash)
 

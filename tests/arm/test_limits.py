@@ -13,6 +13,7 @@ from strandcast.arm.limits import differences, peaks, torques, violations
 from strandcast.arm.load import PlanarArm, load_arm
 from strandcast.arm.settings import Payload
 from strandcast.arm.stop import SoftStop, turned_in_stop
+from strandcast.arm.urdf import posed
 from strandcast.arm.whole_arm import whole_arm
 from strandcast.core.trajectory import JointTrajectory
 from strandcast.errors import StrandcastErrors
@@ -106,7 +107,7 @@ def test_flange_clamp_and_elbow_move_as_in_the_urdf(project_root: Path, name: st
     q = 0.3 + np.outer(np.linspace(0.0, 0.2, 5), np.arange(1.0, len(arm.joints) + 1))
     places_m = arm.limited_places(q)
     for angles, found_m in zip(q, places_m, strict=True):
-        data.qpos[:] = arm.coordinates(angles)
+        data.qpos[:] = posed(arm.model(), arm.held | dict(zip(arm.joints, angles, strict=True))).qpos
         mujoco.mj_kinematics(model, data)
         true_m = np.array([data.body(arm.clamp.link).xpos, data.joint(elbow).xanchor])
         if arm.axes == 2:
@@ -158,7 +159,9 @@ def test_power_and_momentum_are_those_of_mujoco(project_root: Path, name: str) -
     qd = np.diff(q, axis=0) / 1e-3
     qdd = np.gradient(qd, axis=0) / 1e-3
     for k in range(1, len(qd) - 1):
-        data.qpos[:] = arm.coordinates(0.5 * (q[k] + q[k + 1]))
+        data.qpos[:] = posed(
+            arm.model(), arm.held | dict(zip(arm.joints, 0.5 * (q[k] + q[k + 1]), strict=True))
+        ).qpos
         data.qvel[at], data.qacc[at] = qd[k], qdd[k]
         mujoco.mj_inverse(model, data)
         mujoco.mj_subtreeVel(model, data)

@@ -8,6 +8,7 @@ import pytest
 
 from strandcast.arm.kinematics import hand_pose, link_points
 from strandcast.arm.load import load_arm
+from strandcast.arm.urdf import posed
 from strandcast.errors import StrandcastError
 
 
@@ -55,7 +56,7 @@ def test_chain_agrees_with_mujoco_in_every_posture(project_root: Path, name: str
     arm = load_arm(project_root / "config" / "arms" / f"{name}.toml").planar()
     data = mujoco.MjData(arm.model())
     for q in np.random.default_rng(3).uniform(-3.0, 3.0, (20, 3)):
-        data.qpos[:] = arm.coordinates(q)
+        data.qpos[:] = posed(arm.model(), arm.held | dict(zip(arm.joints, q, strict=True))).qpos
         mujoco.mj_kinematics(arm.model(), data)
         bodies = [data.joint(joint).xanchor for joint in arm.joints] + [data.body(arm.clamp.link).xpos]
         np.testing.assert_allclose(link_points(arm.chain, q), np.array(bodies) @ arm.plane.T, atol=1e-12)
@@ -66,7 +67,7 @@ def test_the_hands_angle_turns_with_mujocos_frame(project_root: Path, name: str)
     arm = load_arm(project_root / "config" / "arms" / f"{name}.toml").planar()
     data = mujoco.MjData(arm.model())
     for q in np.random.default_rng(4).uniform(-3.0, 3.0, (5, 3)):
-        data.qpos[:] = arm.coordinates(q)
+        data.qpos[:] = posed(arm.model(), arm.held | dict(zip(arm.joints, q, strict=True))).qpos
         mujoco.mj_kinematics(arm.model(), data)
         tool = arm.plane @ data.body(arm.clamp.link).xmat.reshape(3, 3)[:, 2]
         angle = hand_pose(arm.chain, arm.clamp, q).angle_rad

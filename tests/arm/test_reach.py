@@ -10,7 +10,6 @@ from strandcast.arm.joint_limits import Stop
 from strandcast.arm.load import PlanarArm, load_arm
 from strandcast.arm.reach import outside_m, reach_of, roughly_outside_m
 from strandcast.arm.stop import SoftStop
-from strandcast.core.box import Box
 from strandcast.core.trajectory import JointTrajectory
 from strandcast.planning.bezier import Curve, rest_heights, sample
 
@@ -75,13 +74,13 @@ def test_a_stop_beyond_a_joints_range_is_reported(arm: PlanarArm) -> None:
 
 
 def test_outside_distance_is_that_of_the_farthest_side(arm: PlanarArm) -> None:
-    arm = dataclasses.replace(arm, workspace=Box(x_m=(-1.0, 1.0), y_m=(-0.5, 0.5)))
+    arm = dataclasses.replace(arm, box_m=np.array([[-1.0, 1.0], [-0.5, 0.5]]))
     assert outside_m(arm, np.array([[-0.9, 0.9], [-0.4, 0.4]])) == 0.0
     assert outside_m(arm, np.array([[-1.1, 0.9], [-0.4, 0.8]])) == pytest.approx(0.3)
 
 
 def test_the_rough_stop_is_conservative_and_close(arm: PlanarArm) -> None:
-    tight = dataclasses.replace(arm, workspace=Box(x_m=(-0.3, 0.75), y_m=(-0.2, 0.7)))
+    tight = dataclasses.replace(arm, box_m=np.array([[-0.3, 0.75], [-0.2, 0.7]]))
     random = np.random.default_rng(0)
     heights = [rest_heights(random.normal(0.0, 3.0, (3, 6))) for _ in range(24)]
     postures = random.uniform(-0.8, 0.8, (24, 3))

@@ -10,7 +10,8 @@ import pytest
 from strandcast.arm.limits import torques
 from strandcast.arm.load import SpatialArm, load_arm
 from strandcast.arm.settings import Payload
-from strandcast.arm.spatial import capsules_in_space, clamp_axes, hand_path
+from strandcast.arm.spatial import capsules_in_space, clamp_axes
+from strandcast.arm.urdf import posed
 from strandcast.errors import StrandcastError
 
 ARMS = Path("config/arms")
@@ -29,9 +30,9 @@ def postures(arm: SpatialArm, count: int) -> np.ndarray:
 def test_hand_and_links_are_mujocos(arm: SpatialArm) -> None:
     q = postures(arm, 20)
     data = mujoco.MjData(arm.model())
-    poses, ends = hand_path(arm.chain, q), capsules_in_space(arm.chain, q)
+    poses, ends = arm.hand_path(q), capsules_in_space(arm.chain, q)
     for k in range(len(q)):
-        data.qpos[:] = arm.coordinates(q[k])
+        data.qpos[:] = posed(arm.model(), arm.held | dict(zip(arm.joints, q[k], strict=True))).qpos
         mujoco.mj_kinematics(arm.model(), data)
         link = data.body(arm.clamp.link)
         frame = link.xmat.reshape(3, 3)
@@ -56,7 +57,7 @@ def test_the_mass_matrix_is_mujocos(arm: SpatialArm) -> None:
     data, full = mujoco.MjData(model), np.zeros((model.nv, model.nv))
     dofs = [int(model.joint(name).dofadr[0]) for name in arm.joints]
     for q in postures(arm, 20):
-        data.qpos[:] = arm.coordinates(q)
+        data.qpos[:] = posed(arm.model(), arm.held | dict(zip(arm.joints, q, strict=True))).qpos
         mujoco.mj_forward(model, data)
         mujoco.mj_fullM(model, data, full)
         found = arm.spatial_dynamics.mass_matrix(q)

@@ -9,6 +9,7 @@ import pytest
 
 from strandcast.arm.load import Arm, load_arm
 from strandcast.arm.servo import identify
+from strandcast.arm.urdf import posed
 from strandcast.arm.yielding_joints import YieldingJoints, follow, identify_yielding
 
 ARMS = ("config/arms/fr3-space.toml", "config/arms/planar3.toml")
@@ -55,7 +56,7 @@ def on_springs(arm: Arm, commands: np.ndarray, share: float = 1.0, carried: floa
     time_s = np.arange(-SETTLED_S, TIME_S[-1] + 0.5 * CYCLE_S, CYCLE_S)
     delayed = np.stack([np.interp(time_s - DELAY_S, TIME_S, c) for c in commands.T], axis=1)
     rate = np.gradient(delayed, CYCLE_S, axis=0)
-    data.qpos[:] = arm.coordinates(commands[0])
+    data.qpos[:] = posed(arm.model(), arm.held | dict(zip(arm.joints, commands[0], strict=True))).qpos
     still = mujoco.MjData(model)
     answer = np.empty_like(delayed)
     for k in range(len(time_s)):

@@ -70,8 +70,8 @@ def test_the_ruler_has_the_stated_length(tmp_path):
 
 def test_pdf_is_a4_vector_and_the_same_bytes_twice(tmp_path):
     board = Board(squares_x=7, squares_y=5, square_m=0.035, marker_m=0.026, dictionary="DICT_5X5_100")
-    first = write_charuco(board, tmp_path / "a.pdf", page="A4")[0].read_bytes()
-    second = write_charuco(board, tmp_path / "b.pdf", page="A4")[0].read_bytes()
+    first = write_charuco(board, tmp_path / "a.pdf")[0].read_bytes()
+    second = write_charuco(board, tmp_path / "b.pdf")[0].read_bytes()
     assert first == second
     assert b"/Subtype /Image" not in first
     box = [float(word) for word in re.search(rb"/MediaBox \[ ([^]]+) ?\]", first).group(1).split()]
@@ -80,9 +80,9 @@ def test_pdf_is_a4_vector_and_the_same_bytes_twice(tmp_path):
 
 def test_patterns_that_do_not_fit_and_unknown_names_are_refused(tmp_path):
     big = Board(squares_x=7, squares_y=5, square_m=0.06, marker_m=0.04, dictionary="DICT_5X5_100")
+    write_charuco(big, tmp_path / "a.pdf")
     with pytest.raises(StrandcastError, match="does not fit A4"):
-        write_charuco(big, tmp_path / "a.pdf", page="A4")
-    write_charuco(big, tmp_path / "a.pdf", page="auto")
+        write_markers([1], 0.2, "DICT_4X4_50", tmp_path / "m.pdf")
     with pytest.raises(StrandcastError, match="no marker 50"):
         write_markers([50], 0.05, "DICT_4X4_50", tmp_path / "m.pdf")
     with pytest.raises(StrandcastError, match="no ArUco dictionary 'DICT_9X9'"):

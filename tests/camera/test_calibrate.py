@@ -68,7 +68,7 @@ camera:
 @pytest.fixture(scope="module")
 def board_seen(tmp_path_factory, photograph, looking, lens):
     """Return a function: (view, seed) -> a photo of the board."""
-    [page] = write_charuco(BOARD, tmp_path_factory.mktemp("print") / "board.png", page="A4", dpi=150)
+    [page] = write_charuco(BOARD, tmp_path_factory.mktemp("print") / "board.png", dpi=150)
     texture = cv2.imread(str(page), cv2.IMREAD_GRAYSCALE)
     scale = 150 / 0.0254
     to_texture = np.array([[scale, 0.0, 112.5], [0.0, -scale, texture.shape[0] - 112.5]])
@@ -204,7 +204,7 @@ def test_a_legacy_board_white_on_black_in_the_plane_is_recognised_and_the_warnin
     root, tmp_path, photograph, looking, lens, capsys
 ):
     legacy = BOARD.model_copy(update={"squares_y": 4, "legacy": True})
-    [page] = write_charuco(legacy, tmp_path / "board.png", page="A4", dpi=200)
+    [page] = write_charuco(legacy, tmp_path / "board.png", dpi=200)
     texture = cv2.imread(str(page), cv2.IMREAD_GRAYSCALE)
     scale, left_m, low_m = 200 / 0.0254, (297 - 245) / 2e3, (22 + (210 - 22 - 140) / 2) / 1e3
     to_texture = np.array(

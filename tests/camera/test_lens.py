@@ -35,7 +35,7 @@ TRUE_K = (-0.12, 0.06, 0.0008, -0.0006, 0.0)
 
 def board_photos(board, folder, photograph, looking, lens, views) -> list[tuple[str, np.ndarray]]:
     """Print a board and photograph it."""
-    [page] = write_charuco(board, folder / "board.png", page="A4", dpi=200)
+    [page] = write_charuco(board, folder / "board.png", dpi=200)
     texture = cv2.imread(str(page), cv2.IMREAD_GRAYSCALE)
     scale = 200 / 0.0254
     to_texture = np.array([[scale, 0.0, 150.0], [0.0, -scale, texture.shape[0] - 150.0]])

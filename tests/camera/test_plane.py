@@ -330,7 +330,7 @@ def test_a_negative_is_named(photo, lens):
 
 def test_a_board_lying_in_the_plane_gives_the_same_plane(tmp_path, photograph, looking, lens, truth):
     board = Board(squares_x=7, squares_y=5, square_m=0.035, marker_m=0.026, dictionary="DICT_5X5_100")
-    [page] = write_charuco(board, tmp_path / "board.png", page="A4", dpi=200)
+    [page] = write_charuco(board, tmp_path / "board.png", dpi=200)
     texture = cv2.imread(str(page), cv2.IMREAD_GRAYSCALE)
     scale = 200 / 0.0254
     left_m, low_m = (

@@ -31,7 +31,7 @@ def camera_of(lens, rotation, shift_m) -> Camera:
 @pytest.fixture(scope="module")
 def pairs(tmp_path_factory, photograph, looking, lens):
     """The printed board in both cameras' pictures."""
-    [page] = write_charuco(BOARD, tmp_path_factory.mktemp("print") / "board.png", page="A4", dpi=200)
+    [page] = write_charuco(BOARD, tmp_path_factory.mktemp("print") / "board.png", dpi=200)
     texture = cv2.imread(str(page), cv2.IMREAD_GRAYSCALE)
     scale = 200 / 0.0254
     to_texture = np.array([[scale, 0.0, 150.0], [0.0, -scale, texture.shape[0] - 150.0]])

@@ -12,7 +12,6 @@ import pytest
 
 from strandcast.arm.load import PlanarArm, load_arm
 from strandcast.arm.settings import Payload
-from strandcast.core.box import Box
 from strandcast.errors import REFUSED, StrandcastError
 from strandcast.executor.drivers.protocol import ArmState
 from strandcast.executor.dry_run_report import dry_run_report
@@ -130,7 +129,7 @@ def test_what_was_checked_is_played(arm: PlanarArm, tmp_path: Path) -> None:
 
 def test_hand_and_string_must_stay_in_the_workspace(arm: PlanarArm, tmp_path: Path) -> None:
     assert preflight_of(arm, tmp_path).reach.hand_m[0, 1] < 0.8
-    narrow = dataclasses.replace(arm, workspace=Box(x_m=(-0.8, 0.8), y_m=(-0.8, 0.8)))
+    narrow = dataclasses.replace(arm, box_m=np.array([[-0.8, 0.8]] * 2))
     assert preflight_of(narrow, tmp_path)
     with pytest.raises(StrandcastError, match=r"SC-X004.*0\.50 m hanging") as caught:
         preflight_of(narrow, tmp_path, hanging_m=0.5)

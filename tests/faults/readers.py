@@ -15,6 +15,7 @@ from functools import cache, lru_cache, partial
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
+from unittest.mock import patch
 
 import av
 import cv2
@@ -25,6 +26,7 @@ import pytest
 import tifffile
 
 from strandcast.arm.load import load_arm
+from strandcast.arm.urdf import posed
 from strandcast.config.load import load_experiment
 from strandcast.errors import StrandcastError
 from strandcast.executor.checks import check_motion
@@ -58,7 +60,7 @@ from strandcast.source_code import SourceCache
 from strandcast.video.checks import check_recorded
 from strandcast.video.ingest import inspect_video
 from strandcast.video.photo import decode_photo
-from strandcast.video.reader import open_video
+from strandcast.video.registry import reader_of
 from strandcast.workflow import locks
 
 from ..report.conftest import LENGTH_M, TARGET_M, build_trial
@@ -513,7 +515,7 @@ def arm(path: Path) -> Any:
     return (
         found.joints,
         found.limits.lower_rad.tolist(),
-        found.coordinates(np.zeros(len(found.joints))).tolist(),
+        posed(found.model(), found.held).qpos.tolist(),
     )
 
 
@@ -537,12 +539,14 @@ def decoded(path: Path) -> Any:
 
 def _decoded(path: Path) -> Any:
     has_clock = path.suffix in (".cine", ".cih", ".cihx")
-    facts = inspect_video(path, frame_rate_hz=None if has_clock else 500.0, isolated=False)
+    reader = reader_of(path)
+    with patch("strandcast.video.ingest.probe_isolated", reader.probe):
+        facts = inspect_video(path, frame_rate_hz=None if has_clock else 500.0)
     digest = hashlib.sha256()
-    with open_video(path, isolated=False) as video:
-        for _, time_s, grey in video:
+    with reader.open_source(path, 1, None) as source:
+        for time_s, raw in source.raws:
+            grey = source.to_grey(raw, None)
             digest.update(f"{time_s} {grey.shape}".encode() + grey.tobytes())
-        video.warnings()
     return facts.time_stamps, digest.hexdigest()
 
 

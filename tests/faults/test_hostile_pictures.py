@@ -14,7 +14,7 @@ from strandcast.stages.calibrate import UNROTATED
 from strandcast.stages.context import context_of
 from strandcast.stages.photos import given_background
 from strandcast.stages.run import run_stage
-from strandcast.video.isolated import ProcessLimits, read_photos
+from strandcast.video.isolated import read_photos
 
 GREY = cv2.IMREAD_GRAYSCALE | cv2.IMREAD_ANYDEPTH
 
@@ -33,9 +33,9 @@ def png_of_zeros(path: Path, side: int, rows: int | None = None) -> Path:
     return path
 
 
-def refusal(path: Path, limits: ProcessLimits | None = None) -> StrandcastError:
+def refusal(path: Path) -> StrandcastError:
     with pytest.raises(StrandcastError) as caught:
-        list(read_photos([path], UNROTATED, limits))
+        list(read_photos([path], UNROTATED))
     assert caught.value.file == str(path)
     return caught.value
 
@@ -59,9 +59,10 @@ def test_row22_a_size_that_only_opencv_reads_is_refused_too(tmp_path: Path):
 
 
 @pytest.mark.skipif(sys.platform == "darwin", reason="macOS does not limit a process's memory")
-def test_row22_a_picture_that_takes_too_much_memory_ends_in_one_error(tmp_path: Path):
+def test_row22_a_picture_that_takes_too_much_memory_ends_in_one_error(tmp_path: Path, monkeypatch):
     path = png_of_zeros(tmp_path / "plane.png", 6_000)
-    error = refusal(path, ProcessLimits(memory_bytes=150 << 20))
+    monkeypatch.setattr("strandcast.video.isolated.MEMORY_BYTES", 150 << 20)
+    error = refusal(path)
     assert error.code == "SC-V005"
     assert "needs more than 0.1 GiB of memory" in error.what
 
@@ -77,7 +78,8 @@ def test_row22_a_picture_that_takes_too_much_memory_ends_in_one_error(tmp_path: 
 def test_row27_a_decoder_that_fails_ends_in_one_error(tmp_path: Path, monkeypatch, program: str, code: str):
     path = png_of_zeros(tmp_path / "plane.png", 80)
     monkeypatch.setattr("strandcast.video.isolated.COMMAND", [sys.executable, "-c", program])
-    error = refusal(path, ProcessLimits(stall_s=1.0))
+    monkeypatch.setattr("strandcast.video.isolated.STALL_S", 1.0)
+    error = refusal(path)
     assert error.code == code
     assert "frames" not in error.what
 

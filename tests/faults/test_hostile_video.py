@@ -10,7 +10,6 @@ import pytest
 
 from strandcast.errors import REFUSED, StrandcastError
 from strandcast.video.ingest import inspect_video
-from strandcast.video.isolated import ProcessLimits
 from strandcast.video.reader import open_video
 
 from .conftest import Trial, cut, damage, noisy, write_film
@@ -40,16 +39,16 @@ def test_row22_a_decode_bomb_is_refused_before_it_is_decoded(trial: Trial):
 
 
 @pytest.mark.skipif(sys.platform == "darwin", reason="macOS does not limit a process's memory")
-def test_row22_a_decoder_that_takes_too_much_memory_ends_in_one_error(trial: Trial):
+def test_row22_a_decoder_that_takes_too_much_memory_ends_in_one_error(trial: Trial, monkeypatch):
     """Frames of 24 megapixels are small enough to be tried, and too large for a limit of 160 MB."""
     path = write_film(trial.folder / "video.avi", "mjpeg", "yuvj420p", [np.zeros((4000, 6000), np.uint8)] * 2)
-    error = refusal(path, limits=ProcessLimits(memory_bytes=160 << 20))
+    monkeypatch.setattr("strandcast.video.isolated.MEMORY_BYTES", 160 << 20)
+    error = refusal(path)
     assert error.code == "SC-V005"
     assert error.file == str(path)
     assert "needs more than 0.2 GiB of memory" in error.what
 
 
-@pytest.mark.parametrize("isolated", [True, False])
 @pytest.mark.parametrize(
     ("path", "code"),
     [
@@ -60,12 +59,12 @@ def test_row22_a_decoder_that_takes_too_much_memory_ends_in_one_error(trial: Tri
         ("trial_%03d.png", "SC-V002"),
     ],
 )
-def test_row23_what_is_no_file_is_refused(path, code, isolated):
-    error = refusal(path, isolated=isolated)
+def test_row23_what_is_no_file_is_refused(path, code):
+    error = refusal(path)
     assert error.code == code
     assert error.exit_code == REFUSED
     with pytest.raises(StrandcastError) as caught:
-        inspect_video(path, isolated=isolated)
+        inspect_video(path)
     assert caught.value.code == code
 
 
@@ -81,14 +80,13 @@ PLAYLISTS = {
 }
 
 
-@pytest.mark.parametrize("isolated", [True, False])
 @pytest.mark.parametrize("suffix", ["avi", "mp4", "mkv"])
 @pytest.mark.parametrize("kind", PLAYLISTS)
-def test_row24_a_playlist_named_as_a_video_opens_no_other_file(trial: Trial, kind, suffix, isolated):
+def test_row24_a_playlist_named_as_a_video_opens_no_other_file(trial: Trial, kind, suffix):
     other = write_film(trial.folder / "other.mp4", pictures=noisy(3))
     path = trial.folder / f"video.{suffix}"
     path.write_text(PLAYLISTS[kind].format(other=other.name))
-    error = refusal(path, isolated=isolated)
+    error = refusal(path)
     assert error.code == "SC-V005"
     assert "not a video" in error.what
 
@@ -123,12 +121,11 @@ def naming_another(movie: bytearray, other: str) -> bytearray:
     return movie
 
 
-@pytest.mark.parametrize("isolated", [True, False])
-def test_row24_a_movie_whose_frames_lie_in_another_file_is_refused(trial: Trial, isolated):
+def test_row24_a_movie_whose_frames_lie_in_another_file_is_refused(trial: Trial):
     other = write_film(trial.folder / "other.mov", pictures=noisy(3))
     path = write_film(trial.folder / "video.mov", pictures=noisy(3))
     damage(path, lambda data: naming_another(data, other.name))
-    error = refusal(path, isolated=isolated)
+    error = refusal(path)
     assert error.code == "SC-V010"
     assert "another file" in error.what
     assert "self-contained" in (error.fix or "")
@@ -149,7 +146,8 @@ def test_row27_a_decoder_that_fails_ends_in_one_error_and_others_go_on(
     path = write_film(trial.folder / "video.mp4")
     with monkeypatch.context() as patch:
         patch.setattr("strandcast.video.isolated.COMMAND", [sys.executable, "-c", program])
-        error = refusal(path, limits=ProcessLimits(stall_s=1.0))
+        patch.setattr("strandcast.video.isolated.STALL_S", 1.0)
+        error = refusal(path)
         assert error.code == code
         assert error.file == str(path)
         assert words in error.what

@@ -161,9 +161,9 @@ import os, resource
 from strandcast.video.reader import open_video
 os.setuid(65534)
 resource.setrlimit(resource.RLIMIT_NPROC, (0, 0))
-from strandcast.video.isolated import ProcessLimits, probe_isolated
+from strandcast.video.isolated import probe_isolated
 """
-    found = run_python(as_nobody + "probe_isolated('v.mp4', ProcessLimits())", folder=film.parent)
+    found = run_python(as_nobody + "probe_isolated('v.mp4')", folder=film.parent)
     what = "its decoder could not be started (Resource temporarily unavailable), after 0 frames"
     assert f"SC-W004 ERROR  v.mp4: {what}" in found
     assert "`ulimit -a`" in found

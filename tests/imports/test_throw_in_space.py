@@ -7,8 +7,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from strandcast.arm.load import load_arm
-from strandcast.arm.spatial import hand_path
 from strandcast.errors import StrandcastError
+from strandcast.imports.clock import supplied_clock
 from strandcast.imports.throw_in_space import ThrownBy, place_capture, placement_warnings, standard_error_m
 
 ARM = "config/arms/ur5e-space.toml"
@@ -37,7 +37,7 @@ def moved(root: Path, travel_rad: list[float], wrist_turns: bool = False, rest_s
             q[:, joint] += 0.6 * (
                 eased(time_s, begin_s, begin_s + 1) - eased(time_s, begin_s + 1, begin_s + 2)
             )
-    return ThrownBy(time_s, hand_path(arm.chain, q), (START_S, END_S))
+    return ThrownBy(time_s, arm.hand_path(q), (START_S, END_S))
 
 
 @pytest.fixture(scope="module")
@@ -75,7 +75,7 @@ def test_clock_and_place_are_found_wherever_arm_and_body_are(thrown: ThrownBy) -
     assert placement_warnings(found) == []
     string_m = np.random.default_rng(6).uniform(-0.5, 1.0, (20, 3))
     np.testing.assert_allclose(found.placed(TURN.inv().apply(string_m - SHIFT_M)), string_m, atol=1e-3)
-    alignment = found.alignment("cast", 1, 100, thrown.motion_s)
+    alignment = supplied_clock("cast", 1, 100, thrown.motion_s, found.offset_s)
     assert alignment.robot_time_s(np.array([START_S - OFFSET_S]))[0] == pytest.approx(START_S, abs=2e-4)
     assert (alignment.motion_start_s, alignment.motion_end_s) == (START_S, END_S)
 

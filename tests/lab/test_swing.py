@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 from scipy.optimize import curve_fit
 
-from strandcast.arm.load import PlanarArm, load_arm
+from strandcast.arm.load import PlanarArm, clamp_frame, load_arm
 from strandcast.core.trajectory import JointTrajectory
-from strandcast.lab.rig import LabGrasp, build_rig, links_of, weight_radius_m
+from strandcast.lab.rig import build_rig, links_of, weight_radius_m
 from strandcast.lab.servo import CYCLE_S, SERVO_PRESETS, ServoSetPoints, joint_drives
 from strandcast.lab.strings import PAPER_STRINGS, PhysicalString
 from strandcast.lab.swing import STEP_S, LabSwing, ServoLoop, at_rest, simulate_swing
@@ -90,7 +90,7 @@ def test_stiff_string_sags_like_a_cantilever(arm: PlanarArm) -> None:
     length, density, stiffness = 0.3, 0.003, 0.02
     string = PhysicalString(length, density, stiffness, 0.0, 0.003)
     drive = joint_drives(arm, SERVO_PRESETS["stiff"])
-    rig = build_rig(arm, drive, string, LabGrasp(), STEP_S)
+    rig = build_rig(arm, drive, string, clamp_frame(arm), STEP_S)
     stretched = ServoSetPoints(np.zeros((1, 3)), np.zeros((1, 3)), np.zeros((1, 3)))
     rigid = ServoLoop(np.full(3, 1e6), np.ones(3), np.full(3, 1e6), np.zeros(3))
     data = mujoco.MjData(rig.model)

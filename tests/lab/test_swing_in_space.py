@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from strandcast.arm.load import SpatialArm, load_arm
-from strandcast.arm.spatial import hand_path
 from strandcast.lab import swing_in_space
 from strandcast.lab.strings import PhysicalString
 from strandcast.lab.swing import LabSwing, simulate_swing
@@ -38,7 +37,7 @@ def test_a_curled_string_at_rest_stays_and_hangs(project_root: Path, q0: list[fl
     np.testing.assert_allclose(swing.nodes_m[-1], swing.nodes_m[0], atol=1e-6)
     assert swing.nodes_m[0, -1, 2] < swing.nodes_m[0, 0, 2] - 0.9 * STRING.length_m
     arm = load_arm(project_root / UR5E).spatial()
-    np.testing.assert_allclose(hand_path(arm.chain, swing.q_rad)[:, :3], swing.nodes_m[:, 0], atol=1e-9)
+    np.testing.assert_allclose(arm.hand_path(swing.q_rad)[:, :3], swing.nodes_m[:, 0], atol=1e-9)
 
 
 @pytest.mark.thorough

@@ -14,7 +14,6 @@ from strandcast.arm.reach import reach_of
 from strandcast.arm.servo import Servo, respond
 from strandcast.arm.yielding_joints import JointResponse
 from strandcast.config.plan import PlanSettings
-from strandcast.core.box import Box
 from strandcast.core.strings import StringBatch
 from strandcast.dynamics.masses import mass_layout, point_masses
 from strandcast.dynamics.model import StringModel
@@ -155,7 +154,7 @@ def test_a_descent_keeps_in_the_workspace_what_a_stop_could_carry_out(
     task: PlanningTask, strings: StringBatch, first: PlannedMotion
 ) -> None:
     (left, right), (low, high) = reach_of(task.arm, first.motion, task.hanging_m).swept_m
-    arm = replace(task.arm, workspace=Box(x_m=(left, right - 0.04), y_m=(low, high)))
+    arm = replace(task.arm, box_m=np.array([[left, right - 0.04], [low, high]]))
     tight = replace(task, arm=arm)
     assert stopped_outside_m(tight, first.curve) == pytest.approx(0.04)
     encoding = Encoding(3, 6, (0.35, 0.9), task.step_s)
@@ -527,7 +526,7 @@ def test_an_old_motion_without_the_newer_predictions_is_still_read(
 def test_an_arm_with_limited_jerk_throws(project_root: Path, strings: StringBatch, tmp_path: Path) -> None:
     arm = load_arm(project_root / "config/arms/fr3-example.toml").planar()
     assert np.isfinite(arm.limits.jerk_rad_s3).all()
-    task = PlanningTask(arm, StringModel(0.30, 10), np.array([0.75, 0.30]), 0.02, arm.workspace)
+    task = PlanningTask(arm, StringModel(0.30, 10), np.array([0.75, 0.30]), 0.02)
     settings = PlanSettings(screening=64, evaluations=320, ensemble=2, duration_s=(0.6, 1.2))
     plan = plan_first(task, strings, settings, np.random.default_rng(0))
     check_motion(tmp_path, to_record(plan, task, "test", 1, 0, {}), arm)
@@ -563,7 +562,7 @@ def test_the_record_holds_the_motion_and_comes_back(
 @pytest.mark.thorough
 def test_three_parallel_joints_of_six_throw(project_root: Path, strings: StringBatch) -> None:
     arm = load_arm(project_root / "config/arms/ur5e-example.toml").planar()
-    task = PlanningTask(arm, StringModel(0.30, 10), np.array([0.95, 0.45]), 0.02, arm.workspace)
+    task = PlanningTask(arm, StringModel(0.30, 10), np.array([0.95, 0.45]), 0.02)
     settings = PlanSettings(screening=96, evaluations=480, ensemble=3, duration_s=(0.6, 1.2))
     plan = plan_first(task, strings, settings, np.random.default_rng(0))
     motion = plan.motion

@@ -12,6 +12,7 @@ from strandcast.arm.limits import violations
 from strandcast.arm.load import PlanarArm, SpatialArm, load_arm
 from strandcast.arm.servo import respond
 from strandcast.arm.spatial import SpatialChain, clamp_axes
+from strandcast.arm.urdf import posed
 from strandcast.config.plan import PlanSettings
 from strandcast.core.box import Box
 from strandcast.core.strings import PARAMETERS, StringBatch
@@ -114,7 +115,7 @@ def test_the_path_between_samples_counts() -> None:
 def test_a_string_that_hangs_through_the_arm_or_the_floor_cannot_start(
     planar_arm_in_space: SpatialArm,
 ) -> None:
-    box = planar_arm_in_space.workspace_m
+    box = planar_arm_in_space.box_m
 
     def violation(q: list[float], box: np.ndarray = box) -> float:
         return float(start_violation_m(planar_arm_in_space, 0.3, box, CLEARANCE_M, np.array([q]))[0])
@@ -192,7 +193,7 @@ def test_a_target_off_the_plane_is_planned_within_the_limits(
     q = np.concatenate([plan.motion.q_rad, plan.motion.q_rad[-1:].repeat(hold, axis=0)])
     poses = np.empty((len(q), 9))
     for k in range(len(q)):
-        data.qpos[:] = arm.coordinates(q[k])
+        data.qpos[:] = posed(arm.model(), arm.held | dict(zip(arm.joints, q[k], strict=True))).qpos
         mujoco.mj_kinematics(arm.model(), data)
         link = data.body("tool0")
         frame = link.xmat.reshape(3, 3)

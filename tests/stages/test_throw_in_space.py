@@ -12,7 +12,6 @@ import pytest
 from scipy.interpolate import interp1d
 
 from strandcast.arm.load import load_arm
-from strandcast.arm.spatial import hand_path
 from strandcast.errors import StrandcastError, StrandcastErrors
 from strandcast.executor.dry_run_report import dry_run_report
 from strandcast.executor.preflight import PlayOptions, run_preflight
@@ -257,7 +256,7 @@ def test_the_joint_log_is_the_driven_end_of_an_imported_track(root: Path, captur
     assert (alignment.motion_start_s, alignment.motion_end_s) == (run.motion_start_s, run.motion_end_s)
     time_s, pose = read_hand_in_space(folder / "hand.parquet")
     np.testing.assert_array_equal(time_s, log.time_s)
-    np.testing.assert_allclose(pose, hand_path(arm.chain, log.q_rad), atol=8e-3)
+    np.testing.assert_allclose(pose, arm.hand_path(log.q_rad), atol=8e-3)
 
 
 def test_a_capture_in_the_arms_frame_needs_the_clocks_offset_alone(root: Path, captured: Path) -> None:

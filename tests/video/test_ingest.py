@@ -63,7 +63,7 @@ def test_dropped_frames_are_gaps_and_do_not_change_the_rate(tmp_path):
 def test_coarse_time_stamps_give_the_exact_rate(tmp_path):
     stamps = [round(16384 * k / 500) for k in range(126)]  # 32 or 33 steps apart: 496 or 512 frames/s
     write(tmp_path / "v.mp4", stamps, codec="mpeg4", base_s=Fraction(1, 16384))
-    assert inspect_video(tmp_path / "v.mp4", isolated=False).frame_rate_hz == pytest.approx(500.0, abs=0.1)
+    assert inspect_video(tmp_path / "v.mp4").frame_rate_hz == pytest.approx(500.0, abs=0.1)
 
 
 @pytest.mark.parametrize(
@@ -83,7 +83,7 @@ def test_coarse_time_stamps_give_the_exact_rate(tmp_path):
 def test_rounded_time_stamps_give_the_even_clock(tmp_path, rate_hz, frames, base_s, suffix):
     path = tmp_path / f"v.{suffix}"
     write(path, rounded(rate_hz, base_s, range(frames)), base_s=base_s)
-    facts = inspect_video(path, isolated=False)
+    facts = inspect_video(path)
     np.testing.assert_allclose(
         camera_times(facts), np.arange(frames) / float(rate_hz), atol=1e-6 if rate_hz != 239.89 else 1e-4
     )
@@ -99,7 +99,7 @@ def test_a_copy_in_another_format_rounds_the_stamps_again(tmp_path, base_s, suff
     path = tmp_path / f"v.{suffix}"
     seen = [*range(60), *range(62, frames)]
     write(path, [round(each / 600 / base_s) for each in rounded(240, Fraction(1, 600), seen)], base_s=base_s)
-    facts = inspect_video(path, isolated=False)
+    facts = inspect_video(path)
     np.testing.assert_allclose(camera_times(facts), np.array(seen) / 240, atol=1e-6)
     assert facts.rounded_to_s == pytest.approx(1 / 600)
     assert [(gap.index, gap.missing) for gap in facts.gaps] == [(59, 2)]
@@ -108,7 +108,7 @@ def test_a_copy_in_another_format_rounds_the_stamps_again(tmp_path, base_s, suff
 def test_a_missing_frame_is_found_in_rounded_time_stamps(tmp_path):
     frames = [*range(50), *range(52, 120)]
     write(tmp_path / "v.mov", rounded(240, Fraction(1, 600), frames), base_s=Fraction(1, 600))
-    facts = inspect_video(tmp_path / "v.mov", isolated=False)
+    facts = inspect_video(tmp_path / "v.mov")
     assert [(gap.index, gap.missing) for gap in facts.gaps] == [(49, 2)]
     np.testing.assert_allclose(camera_times(facts), np.array(frames) / 240, atol=1e-6)
 
@@ -118,7 +118,7 @@ def test_frames_at_other_times_are_no_rounding(tmp_path, steps):
     """They differ by no more than the largest unit that divides all stamps, but not as rounding does."""
     stamps = [0, *np.cumsum(steps).tolist()]
     write(tmp_path / "v.mp4", stamps, base_s=Fraction(1, 30_720))
-    facts = inspect_video(tmp_path / "v.mp4", isolated=False)
+    facts = inspect_video(tmp_path / "v.mp4")
     assert facts.rounded_to_s is None
     np.testing.assert_allclose(camera_times(facts), np.array(stamps) / 30_720, atol=1e-9)
 
@@ -129,7 +129,7 @@ def test_uneven_time_stamps_are_used_as_they_are_and_named(tmp_path):
     steps[30] = 4500
     stamps = [0, *np.cumsum(steps).tolist()]
     write(tmp_path / "v.mp4", stamps, base_s=Fraction(1, 90_000))
-    facts = inspect_video(tmp_path / "v.mp4", isolated=False)
+    facts = inspect_video(tmp_path / "v.mp4")
     np.testing.assert_allclose(camera_times(facts), np.array(stamps) / 90_000, atol=1e-9)
     assert facts.rounded_to_s is None
     assert [(gap.index, gap.missing) for gap in facts.gaps] == [(30, 2)]
@@ -149,9 +149,9 @@ def test_packets_without_a_picture_leave_each_frame_its_time(tmp_path):
                 lost.pts, lost.dts, lost.time_base = packet.pts, packet.dts, packet.time_base
                 lost.stream, lost.is_keyframe = stream, packet.is_keyframe
                 container.mux(lost)
-    facts = inspect_video(tmp_path / "v.mp4", isolated=False)
+    facts = inspect_video(tmp_path / "v.mp4")
     assert (facts.packets, facts.discarded_packets) == (37, 3)
-    with open_video(tmp_path / "v.mp4", isolated=False) as video:
+    with open_video(tmp_path / "v.mp4") as video:
         shown_s = [time_s for _, time_s, _ in video]
     np.testing.assert_allclose(shown_s, camera_times(facts), atol=1e-6)
 
@@ -159,7 +159,7 @@ def test_packets_without_a_picture_leave_each_frame_its_time(tmp_path):
 @pytest.mark.parametrize("suffix", ["mkv", "mp4"])
 def test_a_film_that_begins_later_than_0_is_whole(tmp_path, suffix):
     write(tmp_path / f"v.{suffix}", range(500, 560))
-    facts = inspect_video(tmp_path / f"v.{suffix}", isolated=False)
+    facts = inspect_video(tmp_path / f"v.{suffix}")
     assert facts.whole
     np.testing.assert_allclose(camera_times(facts), np.arange(60) / 500, atol=1e-6)
 
@@ -175,7 +175,7 @@ def test_frames_that_an_avi_of_h264_left_out_are_missing_at_their_places(tmp_pat
             picture.pts, picture.time_base = k, Fraction(1, 240)
             container.mux(stream.encode(picture))
         container.mux(stream.encode())
-    facts = inspect_video(tmp_path / "v.avi", isolated=False)
+    facts = inspect_video(tmp_path / "v.avi")
     np.testing.assert_allclose(camera_times(facts), np.array(kept) / 240)
     assert [(gap.index, gap.missing) for gap in facts.gaps] == [(49, 2), (77, 1)]
 
@@ -192,7 +192,7 @@ def test_the_stream_that_is_read_is_named(tmp_path):
                 container.mux(stream.encode(picture))
         for stream in streams:
             container.mux(stream.encode())
-    notes = inspect_video(tmp_path / "v.mkv", isolated=False).notes
+    notes = inspect_video(tmp_path / "v.mkv").notes
     assert "it contains 2 video streams: stream 0 (64 x 48, 10 frames) is used" in notes
 
 

@@ -14,8 +14,8 @@ from strandcast.video.reader import open_video
 SHAPE = (24, 32)
 
 
-def frames_of(path: Path, isolated: bool = True) -> np.ndarray:
-    with open_video(path, isolated=isolated) as video:
+def frames_of(path: Path) -> np.ndarray:
+    with open_video(path) as video:
         return np.stack([grey.copy() for _, _, grey in video])
 
 
@@ -55,15 +55,14 @@ def frames() -> np.ndarray:
 
 @pytest.mark.parametrize("bits", [8, 12, 16])
 @pytest.mark.parametrize("given", ["v.cih", "v.mraw"])
-@pytest.mark.parametrize("isolated", [True, False])
-def test_photrons_pixels_are_read_by_either_name(tmp_path, frames, bits, given, isolated):
+def test_photrons_pixels_are_read_by_either_name(tmp_path, frames, bits, given):
     true = frames.astype(np.uint8) if bits == 8 else frames
     photron(tmp_path, true, bits)
-    facts = inspect_video(tmp_path / given, isolated=isolated)
+    facts = inspect_video(tmp_path / given)
     assert (facts.packets, facts.width_px, facts.height_px) == (7, 32, 24)
     assert facts.frame_rate_hz == pytest.approx(2000)
     assert facts.size_bytes == sum(path.stat().st_size for path in tmp_path.iterdir())
-    np.testing.assert_array_equal(frames_of(tmp_path / given, isolated), true)
+    np.testing.assert_array_equal(frames_of(tmp_path / given), true)
     with open_video(tmp_path / given) as video:
         assert video.info.max_level == (255 if bits == 8 else 4095)
 
@@ -119,8 +118,7 @@ def test_a_damaged_block_of_time_stamps_gives_no_more_than_it_holds(tmp_path, si
     assert len(cine_times_ns(path) or []) == left
 
 
-@pytest.mark.parametrize("isolated", [True, False])
-def test_the_frames_of_a_cine_have_the_cameras_own_times(tmp_path, isolated):
+def test_the_frames_of_a_cine_have_the_cameras_own_times(tmp_path):
     from ..faults.readers import CINE_TIMES_AT, cine_file
 
     path = cine_file(tmp_path)
@@ -128,9 +126,9 @@ def test_the_frames_of_a_cine_have_the_cameras_own_times(tmp_path, isolated):
     for frame in range(3):  # the header's nominal rate is another one
         struct.pack_into("<II", data, CINE_TIMES_AT + 8 + 8 * frame, frame * ((1 << 32) // 9000), 9)
     path.write_bytes(data)
-    with open_video(path, isolated=isolated) as video:
+    with open_video(path) as video:
         times = [time_s for _, time_s, _ in video]
-    np.testing.assert_allclose(times, camera_times(inspect_video(path, isolated=False)), atol=1e-12)
+    np.testing.assert_allclose(times, camera_times(inspect_video(path)), atol=1e-12)
     np.testing.assert_allclose(times, np.arange(3) / 9000, atol=2e-9)
 
 
@@ -207,8 +205,7 @@ def test_the_flips_of_a_cine_are_named(tmp_path):
 
 
 @pytest.mark.parametrize("bits", [8, 16])
-@pytest.mark.parametrize("isolated", [True, False])
-def test_a_cine_without_compression_is_read_the_right_way_up(real_data, tmp_path, bits, isolated):
+def test_a_cine_without_compression_is_read_the_right_way_up(real_data, tmp_path, bits):
     """Its rows are stored from bottom to top, as in a Windows bitmap."""
     data = bytearray((real_data / "highspeed_native" / "data_small_cine.cine").read_bytes())
     header, _, images = struct.unpack_from("<III", data, 24)
@@ -221,5 +218,5 @@ def test_a_cine_without_compression_is_read_the_right_way_up(real_data, tmp_path
     table = [images + 8 * len(true) + each * k for k in range(len(true))]
     pictures = [struct.pack("<II", 8, each - 8) + picture[::-1].tobytes() for picture in true]
     (tmp_path / "v.cine").write_bytes(data[:images] + struct.pack("<5Q", *table) + b"".join(pictures))
-    found = frames_of(tmp_path / "v.cine", isolated)
+    found = frames_of(tmp_path / "v.cine")
     np.testing.assert_array_equal(found >> 6 if bits == 16 else found, true)

@@ -47,12 +47,11 @@ def test_the_example_of_the_page_reads_its_format(film):
     facts = inspect_video(path)
     assert (facts.container, facts.packets, facts.width_px, facts.height_px) == ("npy", 12, 48, 32)
     assert camera_times(facts) == pytest.approx(np.arange(12) / 500)
-    for isolated in (True, False):
-        with open_video(path, isolated=isolated) as video:
-            read = [(index, time_s, grey.copy()) for index, time_s, grey in video]
-        assert [index for index, _, _ in read] == list(range(12))
-        assert [time_s for _, time_s, _ in read] == pytest.approx(np.arange(12) / 500)
-        assert np.array_equal([grey for _, _, grey in read], frames)
+    with open_video(path) as video:
+        read = [(index, time_s, grey.copy()) for index, time_s, grey in video]
+    assert [index for index, _, _ in read] == list(range(12))
+    assert [time_s for _, time_s, _ in read] == pytest.approx(np.arange(12) / 500)
+    assert np.array_equal([grey for _, _, grey in read], frames)
 
 
 def test_built_in_formats_are_not_replaced(site, tmp_path):

@@ -26,8 +26,8 @@ def series(folder: Path, names: list[str], kind: type = np.uint8) -> np.ndarray:
     return pictures
 
 
-def read(path: Path, isolated: bool = True) -> tuple[np.ndarray, list[float]]:
-    with open_video(path, isolated=isolated) as video:
+def read(path: Path) -> tuple[np.ndarray, list[float]]:
+    with open_video(path) as video:
         found = [(grey.copy(), time_s) for _, time_s, grey in video]
     return np.stack([grey for grey, _ in found]), [time_s for _, time_s in found]
 
@@ -41,15 +41,14 @@ def refusal(path: Path, rate: float | None = 1000.0) -> StrandcastError:
 
 @pytest.mark.parametrize("suffix", ["png", "tif", "TIFF"])
 @pytest.mark.parametrize("kind", [np.uint8, np.uint16])
-@pytest.mark.parametrize("isolated", [True, False])
-def test_pictures_come_in_the_order_of_their_numbers(tmp_path, suffix, kind, isolated):
+def test_pictures_come_in_the_order_of_their_numbers(tmp_path, suffix, kind):
     true = series(tmp_path / "video", [f"cam 2_{k}.{suffix}" for k in range(8, 13)], kind)
     (tmp_path / "video" / "notes.txt").write_text("not a picture")
-    facts = inspect_video(tmp_path / "video", 1000.0, isolated=isolated)
+    facts = inspect_video(tmp_path / "video", 1000.0)
     assert (facts.packets, facts.width_px, facts.height_px) == (5, 32, 24)
     assert facts.frame_rate_hz == 1000.0
     np.testing.assert_allclose(camera_times(facts), np.arange(5) / 1000)
-    found, _ = read(tmp_path / "video", isolated)
+    found, _ = read(tmp_path / "video")
     assert found.dtype == kind
     np.testing.assert_array_equal(found, true)
 

@@ -12,7 +12,7 @@ import mujoco
 import numpy as np
 from numba import njit
 
-from strandcast.arm.urdf import owners
+from strandcast.arm.urdf import dofs_of, owners, posed
 
 # Columns of `PlanarDynamics.links`.
 SIGN, MASS, INERTIA, CENTRE_X, CENTRE_Y, NEXT_X, NEXT_Y, VISCOUS, ARMATURE, DRY = range(10)
@@ -90,17 +90,15 @@ NO_DYNAMICS = PlanarDynamics(np.zeros((0, DRY + 1)), np.zeros(2))
 
 
 def planar_dynamics(
-    model: mujoco.MjModel, at_zero: np.ndarray, joints: Sequence[str], plane: np.ndarray
+    model: mujoco.MjModel, held: dict[str, float], joints: Sequence[str], plane: np.ndarray
 ) -> PlanarDynamics:
-    """Return the moving links of a posed model, lumped, in the plane with axes (2, 3)."""
-    data = mujoco.MjData(model)
-    data.qpos[:] = at_zero
-    mujoco.mj_forward(model, data)
+    """Return the moving links, lumped, in the plane with axes (2, 3), with other joints at angles `held`."""
+    data = posed(model, held)
     normal = np.cross(plane[0], plane[1])
     anchors = np.array([data.joint(name).xanchor for name in joints]) @ plane.T
     owner = owners(model, tuple(joints))
     lumps = [_lump(model, data, np.flatnonzero(owner == j), plane) for j in range(len(joints))]
-    dofs = [int(model.joint(name).dofadr[0]) for name in joints]
+    dofs = dofs_of(model, joints)
     links = np.column_stack(
         [
             [np.sign(data.joint(name).xaxis @ normal) for name in joints],

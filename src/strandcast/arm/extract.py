@@ -4,7 +4,7 @@ import mujoco
 import numpy as np
 
 from strandcast.arm.kinematics import PlanarChain
-from strandcast.arm.urdf import coordinates
+from strandcast.arm.urdf import posed
 from strandcast.core.pose import wrapped
 
 # Chosen: beyond rounding, below any real misalignment.
@@ -16,7 +16,7 @@ def joints_out_of_plane(
     model: mujoco.MjModel, joints: tuple[str, ...], held: dict[str, float], plane: np.ndarray
 ) -> dict[str, float]:
     """Return the joints whose axes are not normal to the plane, with their tilt [rad]."""
-    data = _posed(model, held)
+    data = posed(model, held)
     normal = np.cross(plane[0], plane[1])
     tilts = {name: float(np.arccos(min(1.0, abs(data.joint(name).xaxis @ normal)))) for name in joints}
     return {name: tilt for name, tilt in tilts.items() if np.sin(tilt) > AXIS_TOLERANCE}
@@ -50,7 +50,7 @@ def extract_chain(
     link
         Name of the link that carries the clamp.
     """
-    data = _posed(model, held)
+    data = posed(model, held)
     points = np.array([data.joint(name).xanchor for name in joints] + [data.body(link).xpos]) @ plane.T
     steps = np.diff(points, axis=0)
     lengths = np.hypot(*steps.T)
@@ -61,13 +61,6 @@ def extract_chain(
     angles = np.diff(directions)
     signs = np.array([np.sign(data.joint(name).xaxis @ np.cross(plane[0], plane[1])) for name in joints])
     return PlanarChain(points[0], lengths, wrapped(angles), signs)
-
-
-def _posed(model: mujoco.MjModel, held: dict[str, float]) -> mujoco.MjData:
-    data = mujoco.MjData(model)
-    data.qpos[:] = coordinates(model, held)
-    mujoco.mj_kinematics(model, data)
-    return data
 
 
 def _ancestors(model: mujoco.MjModel, body: int) -> list[int]:

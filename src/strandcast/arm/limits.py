@@ -2,11 +2,10 @@
 
 from dataclasses import dataclass
 
-import mujoco
 import numpy as np
 
 from strandcast.arm.load import Arm
-from strandcast.arm.urdf import massless
+from strandcast.arm.urdf import dofs_of, inverse_torques, massless, posed
 from strandcast.arm.whole_arm import MOMENTUM, POWER, whole_arm
 from strandcast.core.trajectory import JointTrajectory
 from strandcast.records.motion import WHOLE_ARM
@@ -127,15 +126,4 @@ def peaks(arm: Arm, motion: JointTrajectory) -> dict[str, np.ndarray]:
 def torques(arm: Arm, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray) -> np.ndarray:
     """Return the joints' torques [N m] by inverse dynamics with the payload: (T, J) from (T, J) each."""
     model = arm.model_with_payload()
-    data = mujoco.MjData(model)
-    at = [int(model.joint(name).dofadr[0]) for name in arm.joints]
-    at_zero = arm.coordinates(np.zeros(len(at)))
-    torque = np.empty_like(q)
-    for k in range(len(q)):
-        data.qpos[:] = at_zero
-        data.qpos[at] = q[k]
-        data.qvel[at] = qd[k]
-        data.qacc[at] = qdd[k]
-        mujoco.mj_inverse(model, data)
-        torque[k] = data.qfrc_inverse[at]
-    return torque
+    return inverse_torques(posed(model, arm.held), dofs_of(model, arm.joints), q, qd, qdd)

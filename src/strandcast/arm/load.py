@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Any, ClassVar, TypeVar
@@ -48,15 +48,13 @@ from strandcast.arm.spatial import (
     SpatialChain,
     capsules_in_space,
     clamp_axes,
-    hand_path,
     hand_poses_in_space,
     spatial_chain,
 )
 from strandcast.arm.spatial_dynamics import SpatialDynamics, spatial_dynamics
-from strandcast.arm.urdf import JointLimit, coordinates, read_joint_limits, read_model
+from strandcast.arm.urdf import JointLimit, posed, read_joint_limits, read_model
 from strandcast.config.bounded import BoundError, load_toml, read_bounded
 from strandcast.config.problems import SHOWN
-from strandcast.core.box import Box
 from strandcast.core.hand_marker import HandMarker
 from strandcast.errors import StrandcastError, StrandcastErrors
 from strandcast.records.files import sha256_file
@@ -65,7 +63,6 @@ TRACKING_RAD = 0.15  # three times the error of a servo with 30 ms of lag at 100
 PLATE_RIM_M = 0.015  # of the plate beyond the markers' edge; chosen
 STOP_RISE_S = 0.02  # time to a soft stop's full acceleration, unless the file gives a jerk; chosen
 
-ANYWHERE = (-np.inf, np.inf)
 FileKeys = TypeVar("FileKeys", bound=AnyArmKeys)
 
 
@@ -85,6 +82,8 @@ class Arm(ABC):
         Angle of every other joint [rad].
     clamp
         How the string is held.
+    box_m
+        (2 or 3, 2) the workspace, which hand and string must not leave: low and high of each coordinate [m].
     limits, servo
         The joints' limits less their margins, and how they nominally follow a command.
     start_tolerance_rad, start_velocity_rad_s
@@ -106,6 +105,7 @@ class Arm(ABC):
     joints: tuple[str, ...]
     held: dict[str, float]
     clamp: AnyClamp
+    box_m: np.ndarray
     limits: Limits
     servo: Servo
     start_tolerance_rad: np.ndarray
@@ -116,11 +116,6 @@ class Arm(ABC):
     log_rate_hz: float
     driver: str | None
     driver_settings: dict[str, Any] = field(default_factory=dict)
-
-    @property
-    @abstractmethod
-    def box_m(self) -> np.ndarray:
-        """The workspace: (2 or 3, 2) low and high of each coordinate [m]."""
 
     @abstractmethod
     def hand_m(self, q: np.ndarray) -> np.ndarray:
@@ -198,13 +193,7 @@ class Arm(ABC):
     @cached_property
     def spatial_dynamics(self) -> SpatialDynamics:
         """The joints' torques and inertia with the payload."""
-        return spatial_dynamics(
-            self.model_with_payload(), self.coordinates(np.zeros(len(self.joints))), self.joints
-        )
-
-    @abstractmethod
-    def unbounded(self) -> Arm:
-        """Return the arm without a workspace."""
+        return spatial_dynamics(self.model_with_payload(), self.held, self.joints)
 
     def planar(self) -> PlanarArm:
         """Return the arm, which throws in a plane; SC-F207: it throws in space."""
@@ -235,13 +224,6 @@ class Arm(ABC):
             return self.model()
         return _model(self.urdf_path, self.urdf_sha256, self.clamp.link, self.payload)
 
-    def coordinates(self, q: np.ndarray) -> np.ndarray:
-        """Return the model's coordinates for (J,) angles of the moving joints, the others held."""
-        return coordinates(self.model(), self.held | dict(zip(self.joints, q, strict=True)))
-
-    def _at_zero(self) -> np.ndarray:
-        return self.coordinates(np.zeros(len(self.joints)))
-
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class PlanarArm(Arm):
@@ -255,8 +237,6 @@ class PlanarArm(Arm):
         Kinematics in the plane, and how the string is held.
     markers, marker_dictionary
         The ArUco markers on the hand.
-    workspace
-        The box that hand and string must not leave.
     """
 
     axes = 2
@@ -265,12 +245,6 @@ class PlanarArm(Arm):
     chain: PlanarChain
     markers: tuple[HandMarker, ...]
     marker_dictionary: str
-    workspace: Box
-
-    @property
-    def box_m(self) -> np.ndarray:
-        """The workspace: (2, 2) low and high of x and y [m]."""
-        return np.array([self.workspace.x_m, self.workspace.y_m])
 
     def hand_m(self, q: np.ndarray) -> np.ndarray:
         """Return where the string leaves the hand, (..., 2) [m], at joint angles (..., J) [rad]."""
@@ -299,11 +273,7 @@ class PlanarArm(Arm):
     @cached_property
     def dynamics(self) -> PlanarDynamics:
         """The joints' torques with the payload, by the planar chain."""
-        return planar_dynamics(self.model_with_payload(), self._at_zero(), self.joints, self.plane)
-
-    def unbounded(self) -> PlanarArm:
-        """Return the arm without a workspace."""
-        return replace(self, workspace=Box.unchecked(ANYWHERE, ANYWHERE))
+        return planar_dynamics(self.model_with_payload(), self.held, self.joints, self.plane)
 
     def planar(self) -> PlanarArm:
         """Return the arm."""
@@ -320,24 +290,15 @@ class SpatialArm(Arm):
     ----------
     chain, clamp
         Kinematics, and how the string is held.
-    workspace_m
-        (3, 2) low and high of x, y and z that hand and string must not leave [m].
     """
 
     axes = 3
     clamp: SpatialClamp
     chain: SpatialChain
-    workspace_m: np.ndarray
-
-    @property
-    def box_m(self) -> np.ndarray:
-        """The workspace: (3, 2) low and high of x, y and z [m]."""
-        return self.workspace_m
 
     def hand_m(self, q: np.ndarray) -> np.ndarray:
         """Return where the string leaves the hand, (..., 3) [m], at joint angles (..., J) [rad]."""
-        q = np.asarray(q, float)
-        return hand_path(self.chain, q.reshape(-1, q.shape[-1]))[:, :3].reshape(*q.shape[:-1], 3)
+        return self.hand_path(q.reshape(-1, q.shape[-1]))[:, :3].reshape(*q.shape[:-1], 3)
 
     def hand_poses(self, q: np.ndarray, zero_rad: np.ndarray, longer_m: np.ndarray) -> np.ndarray:
         """Return the hand's poses (P * K, T, 9), see `Arm.hand_poses`."""
@@ -358,10 +319,6 @@ class SpatialArm(Arm):
         """Return the place (3,) of the first joint, and how far from it the hand can be [m]."""
         places_m = np.vstack([self.chain.anchors_m, self.chain.hand_m])
         return places_m[0], float(np.linalg.norm(np.diff(places_m, axis=0), axis=1).sum())
-
-    def unbounded(self) -> SpatialArm:
-        """Return the arm without a workspace."""
-        return replace(self, workspace_m=np.array([ANYWHERE] * 3))
 
     def spatial(self) -> SpatialArm:
         """Return the arm."""
@@ -397,20 +354,13 @@ def _load_in_plane(path: Path) -> PlanarArm:
         chain=extract_chain(model, tuple(keys.throw.joints), keys.throw.held, plane, keys.clamp.link),
         markers=keys.markers.hand,
         marker_dictionary=keys.markers.dictionary,
-        workspace=Box.unchecked(keys.workspace.x_m, keys.workspace.y_m),
     )
 
 
 def _load_in_space(path: Path) -> SpatialArm:
     keys = _read_keys(path, SpatialArmKeys)
     values, model = _read_urdf(path, keys, lambda model: problems_in_space(keys, model))
-    box = keys.workspace
-    return SpatialArm(
-        **values,
-        clamp=keys.clamp,
-        chain=spatial_chain(model, keys),
-        workspace_m=np.array([box.x_m, box.y_m, box.z_m]),
-    )
+    return SpatialArm(**values, clamp=keys.clamp, chain=spatial_chain(model, keys))
 
 
 def _throws_in_space(path: Path) -> bool:
@@ -464,6 +414,7 @@ def _values_of(
         "urdf_sha256": sha256_file(urdf_path),
         "joints": joints,
         "held": dict(keys.throw.held),
+        "box_m": np.array(list(keys.workspace.model_dump().values())),
         "limits": limits,
         "servo": Servo(
             np.array(servo.delay_s),
@@ -570,14 +521,10 @@ def clamp_frame(
     lateral_m, turn_rad
         Deviation of the string in the clamp from the arm's file.
     """
-    model = arm.model()
-    data = mujoco.MjData(model)
-    rest = np.zeros(len(arm.joints))
-    data.qpos[:] = arm.coordinates(rest)
-    mujoco.mj_kinematics(model, data)
+    data = posed(arm.model(), arm.held)
     turn = data.body(arm.clamp.link).xmat.reshape(3, 3)
     x, y = arm.plane
-    angle = float(link_angles(arm.chain, rest)[-1])
+    angle = float(link_angles(arm.chain, np.zeros(len(arm.joints)))[-1])
     along, left = np.cos(angle) * x + np.sin(angle) * y, -np.sin(angle) * x + np.cos(angle) * y
     offset = arm.clamp.offset_m[0] * along + (arm.clamp.offset_m[1] + lateral_m) * left
     bent = arm.clamp.angle_rad + turn_rad

@@ -10,7 +10,7 @@ import numpy as np
 from numba import njit
 
 from strandcast.arm.settings import SpatialArmKeys, SpatialClamp
-from strandcast.arm.urdf import coordinates
+from strandcast.arm.urdf import posed
 from strandcast.threads import over_ranges
 
 HAND_POSE = 9  # place, direction, normal: as `strandcast.dynamics.batch.HandPath` takes them
@@ -36,9 +36,7 @@ class SpatialChain(NamedTuple):
 
 def spatial_chain(model: mujoco.MjModel, keys: SpatialArmKeys) -> SpatialChain:
     """Return the chain of the moving joints and the hand, the other joints held."""
-    data = mujoco.MjData(model)
-    data.qpos[:] = coordinates(model, keys.throw.held)
-    mujoco.mj_kinematics(model, data)
+    data = posed(model, keys.throw.held)
     joints = [data.joint(name) for name in keys.throw.joints]
     link = data.body(keys.clamp.link)
     frame = link.xmat.reshape(3, 3)
@@ -68,11 +66,6 @@ def hand_poses_in_space(
     given = chain, np.ascontiguousarray(q, float), np.ascontiguousarray(zero_rad, float), longer_m
     over_ranges(len(poses), lambda first, last: _hand_poses(first, last, *given, poses))
     return poses
-
-
-def hand_path(chain: SpatialChain, q: np.ndarray) -> np.ndarray:
-    """Return the hand's poses (T, 9) at joint angles (T, J) [rad]."""
-    return np.asarray(hand_poses_in_space(chain, q[None], np.zeros((1, q.shape[1])), np.zeros(1))[0])
 
 
 def capsules_in_space(chain: SpatialChain, q: np.ndarray) -> np.ndarray:

@@ -10,7 +10,7 @@ from numba import njit
 
 from strandcast.arm.dynamics import Dynamics
 from strandcast.arm.spatial import turn_about, turned
-from strandcast.arm.urdf import owners
+from strandcast.arm.urdf import dofs_of, owners, posed
 
 
 class JointAxes(NamedTuple):
@@ -74,11 +74,9 @@ class SpatialDynamics(Dynamics):
         return np.asarray(mass_matrix(np.ascontiguousarray(q, float), *links))
 
 
-def spatial_dynamics(model: mujoco.MjModel, at_zero: np.ndarray, joints: Sequence[str]) -> SpatialDynamics:
-    """Return the moving links of a posed model, lumped."""
-    data = mujoco.MjData(model)
-    data.qpos[:] = at_zero
-    mujoco.mj_forward(model, data)
+def spatial_dynamics(model: mujoco.MjModel, held: dict[str, float], joints: Sequence[str]) -> SpatialDynamics:
+    """Return the moving links, lumped, with other joints at angles `held`."""
+    data = posed(model, held)
     owner = owners(model, tuple(joints))
     mass, centre, inertia = [], [], []
     for j in range(len(joints)):
@@ -91,10 +89,10 @@ def spatial_dynamics(model: mujoco.MjModel, at_zero: np.ndarray, joints: Sequenc
         tensors = np.einsum("bik,bk,bjk->bij", turns, model.body_inertia[bodies], turns)
         square = (away**2).sum(axis=1)[:, None, None] * np.eye(3) - away[:, :, None] * away[:, None, :]
         inertia.append((tensors + own[:, None, None] * square).sum(axis=0))
-    dofs = [int(model.joint(name).dofadr[0]) for name in joints]
-    posed = [data.joint(name) for name in joints]
+    dofs = dofs_of(model, joints)
+    every = [data.joint(name) for name in joints]
     return SpatialDynamics(
-        JointAxes(np.array([joint.xanchor for joint in posed]), np.array([joint.xaxis for joint in posed])),
+        JointAxes(np.array([joint.xanchor for joint in every]), np.array([joint.xaxis for joint in every])),
         np.array(mass),
         np.array(centre),
         np.array(inertia),

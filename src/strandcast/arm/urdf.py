@@ -1,6 +1,7 @@
 """The URDF: limits by ElementTree (MuJoCo drops the speed limit), everything else through MuJoCo."""
 
 import xml.etree.ElementTree as ElementTree
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -86,12 +87,30 @@ def read_model(path: str | Path, carrier: str = "", payload: Payload | None = No
         raise _unreadable(path, error) from None
 
 
-def coordinates(model: mujoco.MjModel, positions: dict[str, float]) -> np.ndarray:
-    """Return the model's coordinate vector with the named joints at `positions`, the others at zero."""
-    q = np.zeros(model.nq)
+def posed(model: mujoco.MjModel, positions: dict[str, float]) -> mujoco.MjData:
+    """Return the model's kinematics with the named joints at `positions`, the others at zero."""
+    data = mujoco.MjData(model)
     for name, value in positions.items():
-        q[model.joint(name).qposadr[0]] = value
-    return q
+        data.joint(name).qpos[0] = value
+    mujoco.mj_kinematics(model, data)
+    return data
+
+
+def dofs_of(model: mujoco.MjModel, joints: Sequence[str]) -> np.ndarray:
+    """Return the coordinates of hinges by name; their speeds have the same."""
+    return np.array([int(model.joint(name).dofadr[0]) for name in joints])
+
+
+def inverse_torques(
+    data: mujoco.MjData, dofs: np.ndarray, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray
+) -> np.ndarray:
+    """Return torques (T, J) [N m] of hinges `dofs` (J,) of a posed model, by inverse dynamics from (T, J)."""
+    torque = np.empty_like(q)
+    for k in range(len(q)):
+        data.qpos[dofs], data.qvel[dofs], data.qacc[dofs] = q[k], qd[k], qdd[k]
+        mujoco.mj_inverse(data.model, data)
+        torque[k] = data.qfrc_inverse[dofs]
+    return torque
 
 
 def _root(path: str | Path) -> ElementTree.Element:

@@ -1,6 +1,6 @@
 """Print calibration boards and marker sheets at true size, as PDF (vector) or PNG (with its dpi)."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -22,7 +22,6 @@ PAGES_MM = {
     "A2": (420, 594),
     "A1": (594, 841),
     "A0": (841, 1189),
-    "letter": (216, 279),
 }
 MARGIN_MM = 12.0  # chosen: printers leave up to 6 mm blank
 FOOTER_MM = 22.0  # chosen: height of the ruler and the caption below the pattern
@@ -30,10 +29,8 @@ QUIET_ZONE_SHARE = 0.2  # chosen: white border around a marker that detectors ne
 RULER_MM = 100
 
 
-def write_charuco(
-    board: Board, path: str | Path, title: str = "", page: str = "auto", dpi: int = 600
-) -> list[Path]:
-    """Write a ChArUco board at true size and return the files written.
+def write_charuco(board: Board, path: str | Path, title: str = "ChArUco board", dpi: int = 600) -> list[Path]:
+    """Write a ChArUco board at true size, on the smallest page that it fits, and return the files written.
 
     Parameters
     ----------
@@ -43,17 +40,15 @@ def write_charuco(
         ``.pdf`` (vector) or ``.png`` (with `dpi` in its metadata).
     title
         First words of the caption.
-    page
-        ``A4`` … ``A0``, ``letter``, or ``auto``: the smallest A size that fits.
     dpi
         Resolution of a PNG.
     """
     width_mm, height_mm = board.squares_x * board.square_m * 1e3, board.squares_y * board.square_m * 1e3
-    figure, axes, page_mm = _page(page, width_mm, height_mm)
+    figure, axes, page_mm = _page(PAGES_MM, width_mm, height_mm)
     left, bottom = (page_mm[0] - width_mm) / 2, FOOTER_MM + (page_mm[1] - FOOTER_MM - height_mm) / 2
     _fill(axes, charuco_cells_mm(board) + np.array([left, bottom, 0.0, 0.0]))
     caption = (
-        f"{title or 'ChArUco board'}: {board.squares_x} x {board.squares_y} squares "
+        f"{title}: {board.squares_x} x {board.squares_y} squares "
         f"of {board.square_m * 1e3:g} mm, "
         f"markers {board.marker_m * 1e3:g} mm, {board.dictionary}, "
         f"ids {board.first_id}-{board.first_id + board.squares_x * board.squares_y // 2 - 1}"
@@ -68,11 +63,10 @@ def write_markers(
     size_m: float,
     dictionary: str,
     path: str | Path,
-    title: str = "",
-    page: str = "A4",
+    title: str = "ArUco markers",
     dpi: int = 600,
 ) -> list[Path]:
-    """Write single ArUco markers at true size with ids and cutting lines, as many per page as fit.
+    """Write single ArUco markers at true size with ids and cutting lines, as many per A4 page as fit.
 
     Several pages become one PDF, or PNG files numbered ``name-1.png``, ``name-2.png`` …
     Parameters as in `write_charuco`; `size_m` is the side of the black square.
@@ -82,20 +76,20 @@ def write_markers(
         raise StrandcastError("SC-C002", what, field="ids", fix="give each id once")
     side_mm = size_m * 1e3
     pitch_mm = side_mm * (1 + 2 * QUIET_ZONE_SHARE) + 4.0
-    _, _, page_mm = _page(page, pitch_mm, pitch_mm)
+    _, _, page_mm = _page(["A4"], pitch_mm, pitch_mm)
     across = int((page_mm[0] - 2 * MARGIN_MM) // pitch_mm)
     down = int((page_mm[1] - FOOTER_MM - MARGIN_MM) // pitch_mm)
     figures = []
     for start in range(0, len(ids), across * down):
         on_page = list(ids[start : start + across * down])
-        figure, axes, _ = _page(page, pitch_mm, pitch_mm)
+        figure, axes, _ = _page(["A4"], pitch_mm, pitch_mm)
         for place, marker in enumerate(on_page):
             u_mm = MARGIN_MM + pitch_mm * (place % across + 0.5)
             v_mm = page_mm[1] - MARGIN_MM - pitch_mm * (place // across + 0.5)
             cells, label = marker_cells(dictionary, marker), f"{dictionary} id {marker}"
             _draw_marker(axes, cells, np.array([u_mm, v_mm]), side_mm, pitch_mm, label)
         listed = ", ".join(str(marker) for marker in on_page)
-        caption = f"{title or 'ArUco markers'}: {dictionary}, ids {listed}, side {side_mm:g} mm"
+        caption = f"{title}: {dictionary}, ids {listed}, side {side_mm:g} mm"
         _draw_footer(axes, caption, page_mm)
         figures.append(figure)
     return _save(figures, Path(path), dpi)
@@ -132,31 +126,21 @@ def _runs_mm(
     return rectangles
 
 
-def _page(page: str, width_mm: float, height_mm: float) -> tuple[Figure, Axes, tuple[float, float]]:
-    """Return an empty page, axes in millimetres, on which a pattern of the given size fits."""
-    pattern = f"a pattern of {width_mm:.0f} x {height_mm:.0f} mm"
-    for name, size in _candidates(page):
-        for page_mm in (size, size[::-1]):
+def _page(
+    pages: Collection[str], width_mm: float, height_mm: float
+) -> tuple[Figure, Axes, tuple[float, float]]:
+    """Return an empty page, axes in millimetres, the first of `PAGES_MM` on which a pattern fits."""
+    for name in pages:
+        for page_mm in (PAGES_MM[name], PAGES_MM[name][::-1]):
             if width_mm <= page_mm[0] - 2 * MARGIN_MM and height_mm <= page_mm[1] - MARGIN_MM - FOOTER_MM:
                 figure = Figure(figsize=(page_mm[0] / 25.4, page_mm[1] / 25.4), facecolor="white")
                 FigureCanvasAgg(figure)
                 axes = figure.add_axes((0.0, 0.0, 1.0, 1.0), xlim=(0, page_mm[0]), ylim=(0, page_mm[1]))
                 axes.axis("off")
                 return figure, axes, (float(page_mm[0]), float(page_mm[1]))
-        if page != "auto":
-            fix = "choose a larger page, auto, or smaller squares"
-            raise StrandcastError("SC-C002", f"{pattern} does not fit {name}", field="page", fix=fix)
+    what = f"a pattern of {width_mm:.0f} x {height_mm:.0f} mm does not fit {name}"
     fix = "sizes are in metres: 40 mm is 0.04"
-    raise StrandcastError("SC-C002", f"{pattern} does not fit A0", field="board", fix=fix)
-
-
-def _candidates(page: str) -> Iterator[tuple[str, tuple[int, int]]]:
-    if page != "auto" and page not in PAGES_MM:
-        fix = f"use one of auto, {', '.join(PAGES_MM)}"
-        raise StrandcastError("SC-W021", f"unknown page size {page!r}", field="page", fix=fix)
-    for name, size in PAGES_MM.items():
-        if page == name or (page == "auto" and name.startswith("A")):
-            yield name, size
+    raise StrandcastError("SC-C002", what, field="board", fix=fix)
 
 
 def _fill(axes: Axes, rectangles_mm: np.ndarray) -> None:

@@ -7,7 +7,7 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
-from matplotlib.patheffects import Stroke, withStroke
+from matplotlib.patheffects import withStroke
 
 from strandcast.camera.mapping import metre_to_pixel, pixel_to_metre
 from strandcast.camera.markers import eight_bit
@@ -24,6 +24,7 @@ GRID, MARKER, ARROW, ERROR = "#56b4e9", "#e69f00", "#ff8ad4", "#f0e442"
 ARROW_SHARE = 0.022  # chosen: largest rms length of the arrows relative to the picture's width
 LINES = 10  # chosen: approximate number of grid lines along the longer side
 DIM = 0.78  # chosen: brightness of the photo
+CASING = [withStroke(linewidth=2.6, foreground=BACK)]
 ARROWS: dict[str, Any] = {
     "color": ARROW,
     "angles": "xy",
@@ -74,10 +75,6 @@ def _box(camera: Camera, width: int, height: int) -> PlaneBox:
     return (float(left), float(right)), (float(low), float(high))
 
 
-def _casing(width: float = 2.6) -> list[Stroke]:
-    return [withStroke(linewidth=width, foreground=BACK)]
-
-
 def _draw_grid(axes: Any, camera: Camera, box: PlaneBox) -> float:
     """Draw the metric grid of the string's plane through the lens; return its step [m]."""
     longest = max(high - low for low, high in box)
@@ -101,14 +98,14 @@ def _draw_grid(axes: Any, camera: Camera, box: PlaneBox) -> float:
 def _label(axes: Any, place_px: np.ndarray, text: str, axis: int) -> None:
     """Write a coordinate slightly outside the line's lower or left end."""
     shift, across, up = ((0, -5), "center", "top") if axis == 0 else ((-5, 0), "right", "center")
-    style = {"color": GRID, "path_effects": _casing(), "annotation_clip": True}
+    style = {"color": GRID, "path_effects": CASING, "annotation_clip": True}
     axes.annotate(text, place_px, shift, textcoords="offset points", ha=across, va=up, **style)
 
 
 def _name_axes(axes: Any, camera: Camera, box: PlaneBox) -> None:
     places = np.array([[box[0][1], box[1][0]], [box[0][0], box[1][1]]])
     right, top = metre_to_pixel(camera, places, camera.string_offset_m)
-    style = {"textcoords": "offset points", "color": GRID, "path_effects": _casing(), "fontweight": "bold"}
+    style = {"textcoords": "offset points", "color": GRID, "path_effects": CASING, "fontweight": "bold"}
     axes.annotate("x [m] →", right, (-8, 5), ha="right", va="bottom", **style)
     axes.annotate("y [m] ↑", top, (-4, 8), ha="left", va="bottom", **style)
 
@@ -124,7 +121,7 @@ def _draw_markers(axes: Any, camera: Camera, width: int) -> float:
         axes.plot(*ring.T, color=BACK, linewidth=3.4)
         axes.plot(*ring.T, color=MARKER, linewidth=1.8)
         above = (float(corners[:, 0].mean()), float(corners[:, 1].min()))
-        style = {"color": MARKER, "fontweight": "bold", "path_effects": _casing()}
+        style = {"color": MARKER, "fontweight": "bold", "path_effects": CASING}
         axes.annotate(
             str(fit.marker), above, (0, 7), textcoords="offset points", ha="center", va="bottom", **style
         )
@@ -143,7 +140,7 @@ def _draw_errors(axes: Any, camera: Camera) -> None:
         place = np.array([error.x_m[column], error.y_m[row]])
         u, v = metre_to_pixel(camera, place, camera.string_offset_m)
         axes.plot(u, v, "o", markersize=5, color=ERROR, markeredgecolor=BACK, zorder=5)
-        style = {"color": ERROR, "ha": "left", "va": "bottom", "path_effects": _casing(), "zorder": 5}
+        style = {"color": ERROR, "ha": "left", "va": "bottom", "path_effects": CASING, "zorder": 5}
         label = f"±{error.sigma_m[row][column] * 1e3:.2f}"
         axes.annotate(label, (u, v), (6, 5), textcoords="offset points", **style)
 

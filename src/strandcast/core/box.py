@@ -19,8 +19,3 @@ class Box(Section):
         if self.x_m[0] >= self.x_m[1] or self.y_m[0] >= self.y_m[1]:
             raise ValueError("x_m and y_m must be [least, greatest]")
         return self
-
-    @classmethod
-    def unchecked(cls, x_m: tuple[float, float], y_m: tuple[float, float]) -> Box:
-        """Return a box of infinite values, or of values checked elsewhere."""
-        return cls.model_construct(x_m=x_m, y_m=y_m)

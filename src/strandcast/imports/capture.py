@@ -13,6 +13,7 @@ from strandcast.arm.load import PlanarArm
 from strandcast.errors import StrandcastError
 from strandcast.imports.capture_mapping import CaptureMapping, CaptureMarker, DrivenBody, at_rest, columns_of
 from strandcast.imports.capture_table import as_measured, read_capture, times_of, with_units
+from strandcast.imports.clock import supplied_clock
 from strandcast.imports.mapping import ANGLE_UNITS
 from strandcast.imports.table import NumberTable
 from strandcast.imports.throw_in_space import Placement, ThrownBy, place_capture, placement_warnings
@@ -80,13 +81,15 @@ def import_capture(
     index, doubts = _points_of(markers, mapping.in_space, known, table.path)
     _refuse_unseen_or_same(markers_m, markers, table.path)
     ends: list[EndPath] = []
+    trial = known.experiment, known.trial
     sigma_m, warnings = mapping.sigma_m, [*table.notes, *warnings, *rounded, *notes, *doubts]
     warnings += _gaps(markers_m, markers, time_s)
     if known.thrown is not None:
         place = _placed(table, mapping, known, known.thrown, time_s, markers_m[:, -1])
         markers_m, warnings = place.placed(markers_m), warnings + placement_warnings(place)
         sigma_m = float(np.hypot(sigma_m, place.rms_m or 0.0))  # as uncertain as the tracked hand
-        alignment = place.alignment(known.experiment, known.trial, len(time_s), known.thrown.motion_s)
+        of_clock = place.offset_s, place.offset_se_s
+        alignment = supplied_clock(*trial, len(time_s), known.thrown.motion_s, *of_clock, place.rms_m)
         start_m = known.thrown.at(alignment.robot_time_s(time_s))[:, :3]
         hand = _rows(known.thrown.time_s, end_columns([known.thrown.end()]), table.path)
     else:
@@ -94,9 +97,9 @@ def import_capture(
             what = "the offset of the clocks is given, and the experiment has no target in space"
             fix = "leave --offset out: without a target in space, the capture's clock is the only one"
             raise refusal("SC-I058", table.path, "offset", what, fix)
-        alignment = one_clock(
-            known.experiment, known.trial, time_s, mapping.motion_start_s, mapping.motion_end_s
-        )
+        start_s, end_s = mapping.motion_start_s, mapping.motion_end_s
+        motion_s = time_s[0] if start_s is None else start_s, time_s[-1] if end_s is None else end_s
+        alignment = supplied_clock(*trial, len(time_s), (float(motion_s[0]), float(motion_s[1])))
         if mapping.in_space:
             ends = [_end(table, mapping, body, name) for name, body in _bodies(mapping)]
             columns, start_m = end_columns(ends), ends[0].place_m
@@ -135,26 +138,6 @@ def write_capture(
     write_table(folder / "hand.parquet", HAND, hand, source)
     alignment.write(folder / "alignment.json")
     summary.write(folder / "track.json")
-
-
-def one_clock(
-    experiment: str, trial: int, time_s: np.ndarray, start_s: float | None = None, end_s: float | None = None
-) -> Alignment:
-    """Return the alignment of one clock with itself; by default, the motion is the whole capture."""
-    return Alignment(
-        experiment=experiment,
-        trial=trial,
-        source="supplied",
-        offset_s=0.0,
-        offset_se_s=None,
-        drift=0.0,
-        drift_se=None,
-        drift_prior=None,
-        residual_rms_m=None,
-        frames=len(time_s),
-        motion_start_s=float(time_s[0]) if start_s is None else start_s,
-        motion_end_s=float(time_s[-1]) if end_s is None else end_s,
-    )
 
 
 def _summary(track: Track, known: CapturedTrial, index: list[int]) -> TrackSummary:
@@ -404,8 +387,8 @@ def _placed(
 
 def _check_reach(hand_m: np.ndarray, arm: PlanarArm, file: Path) -> list[str]:
     """Compare the hand's farthest place with the arm's reach; return a warning or raise SC-I027."""
-    reach_m = float(arm.chain.lengths_m.sum() + np.hypot(*arm.clamp.offset_m))
-    far_m = float(np.hypot(*(hand_m - arm.chain.origin_m).T).max())
+    origin_m, reach_m = arm.reach()
+    far_m = float(np.hypot(*(hand_m - origin_m).T).max())
     words = f"the hand is up to {far_m:.3g} m from the arm's first joint, and the arm reaches {reach_m:.3g} m"
     if far_m > FAR_OFF * reach_m:
         raise refusal("SC-I027", file, "hand", words, "give the unit of lengths: length_unit in a mapping")

@@ -1,6 +1,8 @@
-"""Times that no log and no film of a throw has."""
+"""Times that no log and no film of a throw has, and the clocks of what was measured elsewhere."""
 
 import numpy as np
+
+from strandcast.records.alignment import Alignment
 
 SHORTEST_STEP_S = 1e-6  # a million rows per second: the fastest cameras take 1e5 frames, controllers 1e3 rows
 SLOWEST_STEP_S = 0.2  # five rows per second: the rows of a throw are 0.5 to 33 ms apart
@@ -22,3 +24,29 @@ def clock_problem(time_s: np.ndarray, slowest_s: float = SLOWEST_STEP_S) -> str 
     if not SHORTEST_STEP_S <= usual_s <= slowest_s:
         return f"the rows are {usual_s:.2g} s apart, {1 / usual_s:.2g} per second"
     return None
+
+
+def supplied_clock(
+    experiment: str,
+    trial: int,
+    frames: int,
+    motion_s: tuple[float, float],
+    offset_s: float = 0.0,
+    offset_se_s: float | None = None,
+    residual_rms_m: float | None = None,
+) -> Alignment:
+    """Return the alignment of a supplied clock with the robot's, by default of one clock with itself."""
+    return Alignment(
+        experiment=experiment,
+        trial=trial,
+        source="supplied",
+        offset_s=offset_s,
+        offset_se_s=offset_se_s,
+        drift=0.0,
+        drift_se=None,
+        drift_prior=None,
+        residual_rms_m=residual_rms_m,
+        frames=frames,
+        motion_start_s=motion_s[0],
+        motion_end_s=motion_s[1],
+    )

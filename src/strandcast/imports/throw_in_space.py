@@ -10,7 +10,7 @@ from scipy.linalg import block_diag
 from scipy.optimize import OptimizeResult, least_squares
 from scipy.spatial.transform import Rotation
 
-from strandcast.records.alignment import Alignment, EndPath
+from strandcast.records.alignment import EndPath
 from strandcast.records.record import refusal
 
 # All chosen.
@@ -68,23 +68,6 @@ class Placement(NamedTuple):
     def placed(self, points_m: np.ndarray) -> np.ndarray:
         """Return points (..., 3) of the capture in the arm's frame."""
         return np.asarray(points_m @ self.turn.T + self.shift_m)
-
-    def alignment(self, experiment: str, trial: int, frames: int, motion_s: tuple[float, float]) -> Alignment:
-        """Return the alignment of the capture's clock with the robot's."""
-        return Alignment(
-            experiment=experiment,
-            trial=trial,
-            source="supplied",
-            offset_s=self.offset_s,
-            offset_se_s=self.offset_se_s,
-            drift=0.0,
-            drift_se=None,
-            drift_prior=None,
-            residual_rms_m=self.rms_m,
-            frames=frames,
-            motion_start_s=motion_s[0],
-            motion_end_s=motion_s[1],
-        )
 
 
 def place_capture(

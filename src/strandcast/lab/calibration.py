@@ -8,6 +8,7 @@ import numpy as np
 
 from strandcast.arm.kinematics import link_points
 from strandcast.arm.load import PlanarArm
+from strandcast.camera.markers import opencv_board
 from strandcast.camera.picture_file import write_picture
 from strandcast.config.camera import Board
 from strandcast.config.experiment import Experiment
@@ -51,15 +52,8 @@ def write_lens_photos(experiment: Experiment, name: str, view: LabView, data_dir
 
 def _board_texture(board: Board) -> tuple[np.ndarray, float, int]:
     """Return the printed board with its white rim, texels per metre and the rim's width in texels."""
-    made = cv2.aruco.CharucoBoard(
-        (board.squares_x, board.squares_y),
-        board.square_m,
-        board.marker_m,
-        cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, board.dictionary)),
-    )
-    made.setLegacyPattern(board.legacy)
     square = 5 * CELL_PX
-    pattern = made.generateImage((board.squares_x * square, board.squares_y * square))
+    pattern = opencv_board(board).generateImage((board.squares_x * square, board.squares_y * square))
     rim = square // 3
     printed = np.where(np.pad(pattern, rim, constant_values=255) > 127, PAPER, INK)
     return printed.astype(np.float32), square / board.square_m, rim

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from strandcast.arm.spatial import SpatialChain, hand_path
+from strandcast.arm.load import SpatialArm
 from strandcast.imports.capture_mapping import CaptureMapping, capture_mapping_of
 from strandcast.lab.film import interpolated
 from strandcast.lab.swing import LabSwing
@@ -67,7 +67,7 @@ def marker_places_m(length_m: float) -> np.ndarray:
 
 def captured(
     rig: CaptureRig,
-    chain: SpatialChain,
+    arm: SpatialArm,
     swing: LabSwing,
     places_m: np.ndarray,
     since_s: np.ndarray,
@@ -77,15 +77,13 @@ def captured(
 
     Parameters
     ----------
-    chain
-        The arm's kinematics.
     places_m
         (m,) the markers' true places along the string, from the clamp.
     since_s
         (F,) times since the motion's start on the robot's clock.
     """
     markers_m = points_at(swing, places_m, since_s)
-    hand_m, along, normal = np.hsplit(hand_path(chain, interpolated(swing, since_s)[0]), 3)
+    hand_m, along, normal = np.hsplit(arm.hand_path(interpolated(swing, since_s)[0]), 3)
     axes = np.stack([along, normal, np.cross(along, normal)], axis=2)
     every_m = np.concatenate([(hand_m + axes @ rig.on_hand_m)[:, None], markers_m], axis=1)
     seen_m = with_tracker_noise(every_m, 1.0 / CAPTURE_RATE_HZ, TrackerNoise(), random)

@@ -194,9 +194,7 @@ class LabDriverInSpace(LabArm):
         rig = draw_capture_rig(self._rig_random("lab-capture"))
         places_m = marker_places_m(string.length_m) + variation.along.grasp_length_m
         since_s, random = robot_time_s - start_s, self._random("lab-sensor")
-        write_capture(
-            folder / CAPTURE, captured(rig, self._arm.spatial().chain, swing, places_m, since_s, random)
-        )
+        write_capture(folder / CAPTURE, captured(rig, self._arm.spatial(), swing, places_m, since_s, random))
         recorded = RecordedThrow(swing, variation.facts(), clocks, robot_time_s, start_s, motion_s)
         self._write_truth(recorded, rig.facts())
         return self._recorded(swing, variation.along, clocks, motion_s)

@@ -6,10 +6,10 @@ from itertools import pairwise
 import mujoco
 import numpy as np
 
-from strandcast.arm.load import Arm, PlanarArm, clamp_frame
-from strandcast.arm.urdf import read_spec
+from strandcast.arm.load import Arm, PlanarArm
+from strandcast.arm.urdf import dofs_of, read_spec
 from strandcast.lab.servo import JointDrives
-from strandcast.lab.strings import PhysicalString
+from strandcast.lab.strings import DAMPING_TIME_S, PhysicalString
 
 LINK_M = 0.015  # chosen
 CLAY_KG_M3 = 1800.0
@@ -46,14 +46,6 @@ def links_of(string: PhysicalString, link_m: float = LINK_M) -> list[StringLink]
         share = 0.0 if pipe is None else pipe[2] * (end - start) / (pipe[1] - pipe[0])
         links.append(StringLink(start, end, pipe is not None, share, weight))
     return links
-
-
-@dataclass(frozen=True)
-class LabGrasp:
-    """Deviation of the string in the clamp from the arm's file: lateral offset [m] and angle [rad]."""
-
-    lateral_m: float = 0.0
-    angle_rad: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -115,7 +107,7 @@ def build_rig(
     arm: PlanarArm,
     drive: JointDrives,
     string: PhysicalString,
-    grasp: LabGrasp,
+    held: tuple[np.ndarray, np.ndarray],
     dt_s: float,
     slip: SlipInClamp | None = None,
 ) -> LabRig:
@@ -125,6 +117,8 @@ def build_rig(
     ----------
     string
         The string, with its free length at the start of this throw.
+    held
+        Where it leaves the hand, and its axes there, as `strandcast.arm.load.clamp_frame` has them.
     dt_s
         Step of the integration [s].
     slip
@@ -134,8 +128,8 @@ def build_rig(
     links = links_of(string)
     hand = spec.body(arm.clamp.link)
     if slip is not None:
-        hand.add_site(name="clamp", pos=clamp_frame(arm, grasp.lateral_m, grasp.angle_rad)[0])
-    _hang(hand, arm, links, string, grasp, slides=slip is not None)
+        hand.add_site(name="clamp", pos=held[0])
+    _hang(hand, links, string, held, slides=slip is not None)
     model = spec.compile()
     hinges = [f"hinge_{k}" for k in range(len(links)) if _bends(links, k)]
     nodes = [f"node_{k}" for k in range(len(links) + 1)]
@@ -177,26 +171,20 @@ def held_dofs(model: mujoco.MjModel, arm: Arm) -> dict[int, float]:
     return {int(model.joint(name).dofadr[0]): angle for name, angle in arm.held.items()}
 
 
-def dofs_of(model: mujoco.MjModel, names: tuple[str, ...] | list[str]) -> np.ndarray:
-    """Return the coordinates of hinges by name."""
-    return np.array([int(model.joint(name).dofadr[0]) for name in names])
-
-
 def _bends(links: list[StringLink], k: int) -> bool:
     return k == 0 or not (links[k].pipe and links[k - 1].pipe)
 
 
 def _hang(
     body: mujoco.MjsBody,
-    arm: PlanarArm,
     links: list[StringLink],
     string: PhysicalString,
-    grasp: LabGrasp,
+    held: tuple[np.ndarray, np.ndarray],
     *,
     slides: bool,
 ) -> None:
     """Add the string's links to the hand's body, each a child of the one before."""
-    place, frame = clamp_frame(arm, grasp.lateral_m, grasp.angle_rad)
+    place, frame = held
     quat = np.empty(4)
     mujoco.mju_mat2Quat(quat, frame.T.ravel())
     for k, link in enumerate(links):
@@ -212,7 +200,7 @@ def _hang(
                 type=mujoco.mjtJoint.mjJNT_HINGE,
                 axis=[0, 0, 1],
                 stiffness=[stiffness, 0, 0],
-                damping=[stiffness * string.damping_time_s, 0, 0],
+                damping=[stiffness * DAMPING_TIME_S, 0, 0],
                 springref=string.curl_rad_m * reach,
             )
         if slides and k == 0:

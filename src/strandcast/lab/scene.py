@@ -7,6 +7,7 @@ import numpy as np
 
 from strandcast.arm.kinematics import hand_pose, link_points
 from strandcast.arm.load import PlanarArm
+from strandcast.camera.markers import corners_of, marker_cells
 from strandcast.config.experiment import Experiment
 from strandcast.errors import StrandcastError
 from strandcast.lab.led import BODY, BODY_RADIUS_M, LabLed, make_led
@@ -136,16 +137,13 @@ def _hand_prints(arm: PlanarArm) -> tuple[HandPrint, ...]:
 
 def marker_tones(dictionary: str, marker: int) -> np.ndarray:
     """Return the cells of an ArUco marker (side, side) as printed, the black border included."""
-    printed = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, dictionary))
-    cells = printed.generateImageMarker(marker, printed.markerSize + 2)
-    return np.where(cells > 127, PAPER, INK).astype(np.float32)
+    return np.where(marker_cells(dictionary, marker), INK, PAPER).astype(np.float32)
 
 
 def square_corners_m(centre_m: np.ndarray, angle_rad: float, side_m: float) -> np.ndarray:
     """Return the corners (4, 2) of a square, clockwise from the top left in the camera's view."""
     cos, sin = np.cos(angle_rad), np.sin(angle_rad)
-    corners = 0.5 * side_m * np.array([[-1.0, 1.0], [1.0, 1.0], [1.0, -1.0], [-1.0, -1.0]])
-    return np.asarray(np.asarray(centre_m) + corners @ np.array([[cos, sin], [-sin, cos]]))
+    return np.asarray(np.asarray(centre_m) + corners_of(side_m) @ np.array([[cos, sin], [-sin, cos]]))
 
 
 def _paint_plane_markers(canvas: Canvas, view: LabView, experiment: Experiment) -> None:

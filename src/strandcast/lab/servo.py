@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 
 from strandcast.arm.load import Arm
-from strandcast.arm.urdf import read_joint_limits
+from strandcast.arm.urdf import dofs_of, inverse_torques, posed, read_joint_limits
 from strandcast.core.trajectory import JointTrajectory
 
 CYCLE_S = 5e-4  # of the joints' controller
@@ -64,7 +64,11 @@ def joint_drives(arm: Arm, preset: ServoPreset) -> JointDrives:
     limits = read_joint_limits(arm.urdf_path)
     effort = np.array([limits[name].effort_n_m for name in arm.joints], float)
     armature = effort * ARMATURE_PER_TORQUE
-    inertia = np.diag(_mass_matrix(arm)) + armature
+    model, data = arm.model(), posed(arm.model(), arm.held)
+    mujoco.mj_forward(model, data)
+    full = np.zeros((model.nv, model.nv))
+    mujoco.mj_fullM(model, data, full)
+    inertia = np.diag(full)[dofs_of(model, arm.joints)] + armature
     w = preset.natural_frequency_rad_s
     return JointDrives(
         stiffness=inertia * w**2,
@@ -73,22 +77,6 @@ def joint_drives(arm: Arm, preset: ServoPreset) -> JointDrives:
         armature=armature,
         friction=effort * FRICTION_PER_TORQUE,
     )
-
-
-def _mass_matrix(arm: Arm) -> np.ndarray:
-    model, data, at = _at_zero(arm)
-    mujoco.mj_forward(model, data)
-    full = np.zeros((model.nv, model.nv))
-    mujoco.mj_fullM(model, data, full)
-    return full[np.ix_(at, at)]
-
-
-def _at_zero(arm: Arm) -> tuple[mujoco.MjModel, mujoco.MjData, list[int]]:
-    """Return the arm's model, its data with all moving joints at zero, and the joints' coordinates."""
-    model = arm.model()
-    data = mujoco.MjData(model)
-    data.qpos[:] = arm.coordinates(np.zeros(len(arm.joints)))
-    return model, data, [int(model.joint(name).dofadr[0]) for name in arm.joints]
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,7 +96,8 @@ def set_points(arm: Arm, preset: ServoPreset, drive: JointDrives, command: Joint
     if preset.look_ahead_s > 0:
         q, qd, qdd = _smoothed(q, preset.look_ahead_s)
     if preset.feed_forward:
-        feed_forward = _torques(arm, q, qd, qdd) + drive.armature * qdd + drive.friction * qd
+        torques = inverse_torques(posed(arm.model(), arm.held), dofs_of(arm.model(), arm.joints), q, qd, qdd)
+        feed_forward = torques + drive.armature * qdd + drive.friction * qd
     else:
         feed_forward = np.zeros_like(q)
     return ServoSetPoints(q, qd, feed_forward)
@@ -127,13 +116,3 @@ def _smoothed(q: np.ndarray, lag_s: float) -> tuple[np.ndarray, np.ndarray, np.n
         x, v = x + h * v + 0.5 * h * h * a, v + h * a
         out[:, k] = x, v, a
     return out[0], out[1], out[2]
-
-
-def _torques(arm: Arm, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray) -> np.ndarray:
-    model, data, at = _at_zero(arm)
-    answer = np.empty_like(q)
-    for k in range(len(q)):
-        data.qpos[at], data.qvel[at], data.qacc[at] = q[k], qd[k], qdd[k]
-        mujoco.mj_inverse(model, data)
-        answer[k] = data.qfrc_inverse[at]
-    return answer

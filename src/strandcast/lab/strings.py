@@ -27,8 +27,6 @@ class PhysicalString:
         (position [m], mass [kg]) each.
     pipes
         (from [m], to [m], mass [kg]) each; a pipe does not bend.
-    damping_time_s
-        Bending damping over bending stiffness [s].
     """
 
     length_m: float
@@ -38,7 +36,6 @@ class PhysicalString:
     diameter_m: float
     weights: tuple[tuple[float, float], ...] = ()
     pipes: tuple[tuple[float, float, float], ...] = ()
-    damping_time_s: float = DAMPING_TIME_S
 
     def clamped(self, length_m: float) -> PhysicalString:
         """Return the string with `length_m` of it in the clamp; places count from where it comes out."""

@@ -8,10 +8,10 @@ import mujoco
 import numpy as np
 from scipy.optimize import root
 
-from strandcast.arm.load import Arm, PlanarArm
+from strandcast.arm.load import Arm, PlanarArm, clamp_frame
 from strandcast.core.trajectory import JointTrajectory
 from strandcast.errors import FAILED_TRIALS, StrandcastError
-from strandcast.lab.rig import LabGrasp, LabRig, SlipInClamp, build_rig
+from strandcast.lab.rig import LabRig, SlipInClamp, build_rig
 from strandcast.lab.servo import CYCLE_S, SERVO_PRESETS, JointDrives, ServoSetPoints, joint_drives, set_points
 from strandcast.lab.strings import PhysicalString
 from strandcast.lab.variation import ThrowVariation
@@ -84,7 +84,7 @@ def simulate_swing(
         SC-E003 the string diverges even at the smallest step.
     """
     hanging = string.shifted(variation.grasp_length_m)
-    grasp = LabGrasp(variation.grasp_lateral_m, variation.grasp_angle_rad)
+    held = clamp_frame(arm, variation.grasp_lateral_m, variation.grasp_angle_rad)
 
     def begin(rig: LabRig, loop: ServoLoop, points: ServoSetPoints) -> tuple[np.ndarray, np.ndarray]:
         place, speed = at_rest(rig, loop, points), np.zeros(rig.model.nv)
@@ -97,7 +97,7 @@ def simulate_swing(
         servo,
         variation,
         command,
-        lambda drive, step_s: build_rig(arm, drive, hanging, grasp, step_s, slip),
+        lambda drive, step_s: build_rig(arm, drive, hanging, held, step_s, slip),
         begin,
         step_s=step_s,
         slip=slip,

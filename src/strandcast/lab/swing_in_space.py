@@ -10,19 +10,19 @@ from scipy.spatial.transform import Rotation
 
 from strandcast.arm.load import SpatialArm
 from strandcast.arm.spatial import clamp_axes
+from strandcast.arm.urdf import dofs_of
 from strandcast.core.trajectory import JointTrajectory
 from strandcast.errors import FAILED_TRIALS, StrandcastError
 from strandcast.lab.rig import (
     LabRig,
     StringLink,
-    dofs_of,
     driven_arm,
     held_dofs,
     links_of,
     weight_radius_m,
 )
 from strandcast.lab.servo import JointDrives, ServoSetPoints
-from strandcast.lab.strings import PhysicalString
+from strandcast.lab.strings import DAMPING_TIME_S, PhysicalString
 from strandcast.lab.swing import LabSwing, ServoLoop, arm_at_start, force_at_rest, swing_on
 from strandcast.lab.variation import ThrowVariation
 
@@ -148,7 +148,7 @@ def _hang(
             name=f"ball_{k}",
             type=mujoco.mjtJoint.mjJNT_BALL,
             stiffness=[stiffness, 0, 0],
-            damping=[stiffness * string.damping_time_s, 0, 0],
+            damping=[stiffness * DAMPING_TIME_S, 0, 0],
         )
         _add_shapes(body, link, string, length)
         place = np.array([length, 0.0, 0.0])

@@ -1,6 +1,9 @@
 """The lab's actions: photograph the calibration boards, rehearse, and throw."""
 
+from dataclasses import replace
 from pathlib import Path
+
+import numpy as np
 
 from strandcast.arm.load import Arm, PlanarArm
 from strandcast.config.experiment import Experiment
@@ -107,6 +110,7 @@ def _play(motion_path: Path, arm: Arm, driver: Driver, folder: Path) -> Run:
     # Unlike a real throw, a virtual one can be repeated.
     (folder / "run.json").unlink(missing_ok=True)
     # A virtual arm can hurt nobody: it needs no workspace and no confirmation by a person.
-    preflight = run_preflight(motion_path, arm.unbounded(), driver, folder)
+    anywhere = replace(arm, box_m=np.tile([-np.inf, np.inf], (arm.axes, 1)))
+    preflight = run_preflight(motion_path, anywhere, driver, folder)
     driver.move_to_start(preflight.motion.trajectory().q_rad[0])
     return play(preflight, driver, preflight.short_hash)

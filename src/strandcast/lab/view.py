@@ -1,6 +1,7 @@
 """The lab's camera: its pose, its lens, and the projection from the plane of the throw to pixels."""
 
 from dataclasses import dataclass, replace
+from itertools import product
 
 import cv2
 import numpy as np
@@ -75,8 +76,9 @@ def make_view(experiment: Experiment, name: str, arm: PlanarArm) -> LabView:
     matrix = np.array([[focal, 0.0, centre[0]], [0.0, focal * 1.001, centre[1]], [0.0, 0.0, 1.0]])
     tilt, _ = cv2.Rodrigues(np.array(OBLIQUE_RAD) * (1.0 + 0.3 * random.uniform(-1, 1, 3)))
     rotation = tilt @ FACING
-    box = experiment.workspace_m or arm.workspace
-    corners = np.array([(x, y) for x in box.x_m for y in box.y_m])
+    own = experiment.workspace_m
+    box_m = arm.box_m if own is None else (own.x_m, own.y_m)
+    corners = np.array(list(product(*box_m)))
     return _move_back(LabView(width, height, matrix, np.array(DISTORTION), rotation, np.zeros(3)), corners)
 
 

@@ -8,7 +8,8 @@ import numpy as np
 from strandcast.camera.mapping import pixel_to_metre
 from strandcast.camera.stereo import stereo_pose
 from strandcast.errors import StrandcastError
-from strandcast.imports.capture import one_clock, write_capture
+from strandcast.imports.capture import write_capture
+from strandcast.imports.clock import supplied_clock
 from strandcast.imports.track_checks import check_track, paths_of
 from strandcast.reconstruction.views import SpaceReconstruction, StringView, reconstruct_in_space
 from strandcast.records.alignment import Alignment, EndPath, end_columns
@@ -89,7 +90,8 @@ def run(
         "robot_time_s": track.camera_time_s[known],
         **end_columns([EndPath(hand_m[known], None, None)]),
     }
-    alignment = one_clock(name, trial, track.camera_time_s)
+    time_s = track.camera_time_s
+    alignment = supplied_clock(name, trial, len(time_s), (float(time_s[0]), float(time_s[-1])))
     file = folder.data / "track.parquet"
     summary.warnings += check_track(track, paths_of(hand, file), alignment, summary, file)
     write_capture(folder.data, track, hand, alignment, summary)

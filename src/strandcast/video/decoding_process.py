@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from strandcast.errors import StrandcastError
-from strandcast.video.registry import open_source, probe
+from strandcast.video.registry import reader_of
 from strandcast.video.source import Source, VideoInfo, is_copy
 
 RING_BYTES = 64 << 20
@@ -66,7 +66,7 @@ def main() -> None:
     _limit_cpu(request.cpu_s)
     try:
         if request.ring is None:
-            _send(records, {"contents": asdict(probe(request.path))})
+            _send(records, {"contents": asdict(reader_of(request.path).probe(request.path))})
         elif request.photo_flags is not None:
             _decode_photos(request.photo_flags, request, request.ring, records)
         else:
@@ -110,7 +110,7 @@ def _limit_cpu(seconds: int) -> None:
 
 
 def _decode(request: Request, descriptor: int, records: int) -> None:
-    with open_source(request.path, request.threads, request.frames) as source:
+    with reader_of(request.path).open_source(request.path, request.threads, request.frames) as source:
         slots = _ring(source.info, descriptor, request.keep)
         _send(records, {"info": vars(source.info) | {"path": request.path}, "slots": len(slots)})
         try:

@@ -9,8 +9,7 @@ from strandcast.core.even_clock import MAX_MISSING, UNEVEN, even_clock, frame_st
 from strandcast.errors import StrandcastError
 from strandcast.records.manifest import Gap, VideoFacts
 from strandcast.video.files import check_video_path, damaged, video_sha256
-from strandcast.video.isolated import ProcessLimits, probe_isolated
-from strandcast.video.registry import probe
+from strandcast.video.isolated import probe_isolated
 from strandcast.video.source import Contents
 
 RATE_TOLERANCE = 0.02  # chosen: relative difference of declared and stamped rate without a note
@@ -20,7 +19,6 @@ def inspect_video(
     path: str | Path,
     frame_rate_hz: float | None = None,
     missing_policy: str = "refuse",
-    isolated: bool = True,
 ) -> VideoFacts:
     """Return the facts of a video; at most its first frame is decoded.
 
@@ -32,8 +30,6 @@ def inspect_video(
         The true frame rate if declared: slow-motion exports store another one.
     missing_policy
         "refuse" a truncated video, or "use_prefix": the frames before the cut.
-    isolated
-        Read the file in a separate process.
 
     Returns
     -------
@@ -50,7 +46,7 @@ def inspect_video(
         `frame_rate_hz` contradicts the camera's clock.
     """
     check_video_path(path)
-    contents = probe_isolated(path, ProcessLimits()) if isolated else probe(path)
+    contents = probe_isolated(path)
     digest, size = video_sha256(path)
     _check_not_empty(contents, path)
     clock = _clock(contents, frame_rate_hz, path)

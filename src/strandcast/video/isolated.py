@@ -14,7 +14,7 @@ import subprocess
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import IO, Any
 
@@ -45,34 +45,19 @@ LIBRARIES_BYTES = 1 << 29  # address space of Python and its libraries: 0.4 GiB 
 READ_BYTES = 1 << 16
 RELEASED_AT_ONCE = decoding_process.LEAST_SLOTS - 1  # few enough that the ring never runs empty
 SLOWEST_BYTES_S = 5e6  # chosen: read rate of a slow disk or network
+# Limits of a decoding process.
+MEMORY_BYTES = 3 << 29  # address space beyond that of Python and its libraries (Linux)
+CPU_S = 120  # CPU time between 64 frames
+STALL_S = 60.0  # wall time without a frame after which it is killed
 # The decoding process does not start computation threads.
 ONE_THREAD = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
-
-
-@dataclass(frozen=True)
-class ProcessLimits:
-    """Resource limits of a decoding process.
-
-    Attributes
-    ----------
-    memory_bytes
-        Address space beyond that of Python and its libraries (Linux).
-    cpu_s
-        CPU time between 64 frames.
-    stall_s
-        Wall time without a frame after which it is killed.
-    """
-
-    memory_bytes: int = 3 << 29
-    cpu_s: int = 120
-    stall_s: float = 60.0
 
 
 class DecoderProcess:
     """A running decoding process: its records, and why it ended."""
 
-    def __init__(self, request: Request, limits: ProcessLimits, errors: IO[bytes]) -> None:
-        self.path, self.limits, self._errors = request.path, limits, errors
+    def __init__(self, request: Request, stall_s: float, errors: IO[bytes]) -> None:
+        self.path, self._stall_s, self._errors = request.path, stall_s, errors
         self._of_photos = request.photo_flags is not None
         self.frames = 0
         self.process = self._start(request)
@@ -103,8 +88,8 @@ class DecoderProcess:
     def next(self) -> Any:
         """Return its next record; raise the error that it reports, or SC-V005 or SC-W004 if it fails."""
         while not self._lines:
-            if not self._poll.poll(1000.0 * self.limits.stall_s):
-                raise self._failed("SC-V005", f"returned no frame for {self.limits.stall_s:g} s")
+            if not self._poll.poll(1000.0 * self._stall_s):
+                raise self._failed("SC-V005", f"returned no frame for {self._stall_s:g} s")
             data = os.read(self._records, READ_BYTES)
             if not data:
                 raise self._ended()
@@ -146,7 +131,7 @@ class DecoderProcess:
             last = output.splitlines()[-1] if output else f"exit code {code}"
             return self._failed("SC-W004", f"stopped: {last}", CHECK_HOST)
         if -code == signal.SIGXCPU:
-            return self._failed("SC-V005", f"returned no frame for {self.limits.cpu_s} s of CPU time")
+            return self._failed("SC-V005", f"returned no frame for {CPU_S} s of CPU time")
         if -code == signal.SIGKILL:
             what = "was killed (SIGKILL), as the system does if memory runs out"
             return self._failed("SC-W004", what)
@@ -155,11 +140,9 @@ class DecoderProcess:
     def _out_of_memory(self) -> StrandcastError:
         """Return the error of a decoder without memory: a limit of the host's, if that is below ours."""
         allowed = resource.getrlimit(resource.RLIMIT_AS)[0]
-        needed = self.limits.memory_bytes + LIBRARIES_BYTES
+        needed = MEMORY_BYTES + LIBRARIES_BYTES
         if allowed == resource.RLIM_INFINITY or allowed >= needed:
-            return self._failed(
-                "SC-V005", f"needs more than {self.limits.memory_bytes / 2**30:.1f} GiB of memory"
-            )
+            return self._failed("SC-V005", f"needs more than {MEMORY_BYTES / 2**30:.1f} GiB of memory")
         what = f"may need {needed / 2**30:.1f} GiB of memory, but `ulimit -v` allows {allowed / 2**30:.2f}"
         return self._failed("SC-W004", what)
 
@@ -183,21 +166,20 @@ class DecoderProcess:
 
 
 @contextmanager
-def _running(request: Request, limits: ProcessLimits) -> Iterator[DecoderProcess]:
+def _running(request: Request, stall_s: float) -> Iterator[DecoderProcess]:
     with _unnamed_file("strandcast-messages") as errors:
-        decoder = DecoderProcess(request, limits, errors)
+        decoder = DecoderProcess(request, stall_s, errors)
         try:
             yield decoder
         finally:
             decoder.end()
 
 
-def probe_isolated(path: str | Path, limits: ProcessLimits) -> Contents:
+def probe_isolated(path: str | Path) -> Contents:
     """Return a video's contents, probed in a separate process; the whole file is read."""
     size = sum(file.stat().st_size for file in files_of_video(Path(path)))
-    limits = replace(limits, stall_s=limits.stall_s + size / SLOWEST_BYTES_S)
-    request = Request(str(path), None, 1, None, 0, limits.memory_bytes, limits.cpu_s)
-    with _running(request, limits) as decoder:
+    request = Request(str(path), None, 1, None, 0, MEMORY_BYTES, CPU_S)
+    with _running(request, STALL_S + size / SLOWEST_BYTES_S) as decoder:
         return Contents(**decoder.next()["contents"])
 
 
@@ -209,7 +191,7 @@ class Decoding:
     info: VideoInfo
     slots: list[Grey]
     keep: int
-    messages: list[str]
+    messages: list[str] = field(default_factory=list)
 
     def frames(self) -> Iterator[tuple[float, Grey, bool]]:
         """Yield time [s], grey image, and whether it is an exact copy of the previous frame."""
@@ -224,26 +206,20 @@ class Decoding:
 
 
 @contextmanager
-def decode_isolated(
-    path: str | Path, threads: int, frames: int | None, keep: int, limits: ProcessLimits
-) -> Iterator[Decoding]:
+def decode_isolated(path: str | Path, threads: int, frames: int | None, keep: int) -> Iterator[Decoding]:
     """Decode a video in a separate process; arguments as for `strandcast.video.reader.open_video`."""
     with _unnamed_file("strandcast-frames") as shared:
-        request = Request(
-            str(path), shared.fileno(), threads, frames, keep, limits.memory_bytes, limits.cpu_s
-        )
-        with _running(request, limits) as decoder:
+        request = Request(str(path), shared.fileno(), threads, frames, keep, MEMORY_BYTES, CPU_S)
+        with _running(request, STALL_S) as decoder:
             head = decoder.next()
             info = VideoInfo(**head["info"] | {"path": Path(path)})
             # The map outlives the file, and each image keeps a reference to it.
             slots = slots_of(mmap.mmap(shared.fileno(), 0), info, head["slots"])
             greys = [np.frombuffer(slot, info.dtype).reshape(info.height, info.width) for slot in slots]
-            yield Decoding(decoder, info, greys, keep, [])
+            yield Decoding(decoder, info, greys, keep)
 
 
-def read_photos(
-    paths: Sequence[Path], flags: int, limits: ProcessLimits | None = None
-) -> Iterator[np.ndarray | None]:
+def read_photos(paths: Sequence[Path], flags: int) -> Iterator[np.ndarray | None]:
     """Yield single pictures, decoded in a separate process as ``cv2.imread`` does; None: not a picture.
 
     Raises
@@ -251,10 +227,9 @@ def read_photos(
     StrandcastError
         SC-V007 a picture is too large; SC-V005, SC-W004 as for videos.
     """
-    limits = limits or ProcessLimits()
     with _unnamed_file("strandcast-photo") as shared:
-        request = Request("", shared.fileno(), 1, None, 0, limits.memory_bytes, limits.cpu_s, flags)
-        with _running(request, limits) as decoder:
+        request = Request("", shared.fileno(), 1, None, 0, MEMORY_BYTES, CPU_S, flags)
+        with _running(request, STALL_S) as decoder:
             for path in paths:
                 photo = decoder.photo(path)
                 yield None if photo is None else _copied(shared, *photo)

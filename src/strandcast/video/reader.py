@@ -3,16 +3,15 @@
 import re
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from strandcast.video.files import check_video_path
-from strandcast.video.isolated import ProcessLimits, decode_isolated
-from strandcast.video.registry import open_source
+from strandcast.video.isolated import Decoding, decode_isolated
 from strandcast.video.repeats import MotionMeter, repeat_warnings
-from strandcast.video.source import Grey, Source, VideoInfo, is_copy
+from strandcast.video.source import Grey, VideoInfo
 
 MAX_REPORTED = 5  # chosen: kinds of decoder messages, and runs of copies
 NUMBER = re.compile(r"-?\b(0x)?[0-9A-F]*[0-9][0-9A-Fa-f.]*")
@@ -37,16 +36,13 @@ class VideoFile:
         Indices of frames that are exact copies of their predecessors: the camera or a converter froze.
     changes
         How much each frame changes from the one before, from `repeats.MotionMeter`.
-    pid
-        Id of the decoding process; None if it is this process.
     """
 
     info: VideoInfo
     frames: Iterator[tuple[int, float, Grey]]
-    messages: list[str] = field(default_factory=list)
-    copies: list[int] = field(default_factory=list)
-    changes: list[float] = field(default_factory=list)
-    pid: int | None = None
+    messages: list[str]
+    copies: list[int]
+    changes: list[float]
 
     def __iter__(self) -> Iterator[tuple[int, float, Grey]]:
         return self.frames
@@ -83,12 +79,10 @@ def runs(indices: list[int]) -> list[tuple[int, int]]:
 def open_video(
     path: str | Path,
     threads: int = 1,
-    isolated: bool = True,
     frames: int | None = None,
     keep: int = 1,
-    limits: ProcessLimits | None = None,
 ) -> Iterator[VideoFile]:
-    """Open a video for one sequential decoding pass.
+    """Open a video for one sequential decoding pass, in a separate process: a bad file cannot crash this one.
 
     Parameters
     ----------
@@ -96,14 +90,10 @@ def open_video(
         A video (mp4, mov, avi, mkv, cine, mraw/cihx, TIFF) or a folder of pictures.
     threads
         Decoder threads, 0 for the decoder's choice. The frames are the same.
-    isolated
-        Decode in a separate process: a bad file cannot crash this one, and decoding runs in parallel.
     frames
         Decode only the first so many; of a truncated file, those before the cut.
     keep
         A frame stays valid until so many more have been taken.
-    limits
-        Resource limits of the process.
 
     Yields
     ------
@@ -116,50 +106,20 @@ def open_video(
     StrandcastError
         From the format's reader: SC-V002, SC-V005, SC-V007, SC-V010 or SC-V020 on opening; while iterating,
         SC-V005 the data end in damage, SC-V010 a frame without time stamp, of another size or an unsupported
-        pixel format. If isolated also SC-V005 the decoder crashed, hangs or needs too much memory, SC-W004 it
-        could not run.
+        pixel format, or the decoder crashed, hangs or needs too much memory; SC-W004 it could not run.
     """
     check_video_path(path)
     copies: list[int] = []
-    changes: list[float] = []
-    if not isolated:
-        with open_source(path, threads, frames) as source:
-            counted = _measured(_counted(_compared(source), copies), source.info, changes)
-            video = VideoFile(source.info, counted, copies=copies, changes=changes)
-            try:
-                yield video
-            finally:
-                video.messages[:] = source.messages()
-        return
-    with decode_isolated(path, threads, frames, keep, limits or ProcessLimits()) as decoding:
-        counted = _measured(_counted(decoding.frames(), copies), decoding.info, changes)
-        pid = decoding.decoder.process.pid
-        yield VideoFile(decoding.info, counted, decoding.messages, copies, changes, pid)
+    with decode_isolated(path, threads, frames, keep) as decoding:
+        meter = MotionMeter(decoding.info.max_level)
+        counted = _counted(decoding, copies, meter)
+        yield VideoFile(decoding.info, counted, decoding.messages, copies, meter.changes)
 
 
-def _compared(source: Source) -> Iterator[tuple[float, Grey, bool]]:
-    before: memoryview | None = None
-    for time_s, raw in source.raws:
-        grey = source.to_grey(raw, None)
-        now = np.ascontiguousarray(grey).data.cast("B")
-        yield time_s, grey, before is not None and is_copy(now, before)
-        before = now
-
-
-def _counted(
-    frames: Iterator[tuple[float, Grey, bool]], copies: list[int]
-) -> Iterator[tuple[int, float, Grey]]:
-    for index, (time_s, grey, copy) in enumerate(frames):
+def _counted(decoding: Decoding, copies: list[int], meter: MotionMeter) -> Iterator[tuple[int, float, Grey]]:
+    """Yield number, time [s] and grey image of each frame; note copies of the one before, and changes."""
+    for index, (time_s, grey, copy) in enumerate(decoding.frames()):
         if copy:
             copies.append(index)
-        yield index, time_s, grey
-
-
-def _measured(
-    frames: Iterator[tuple[int, float, Grey]], info: VideoInfo, changes: list[float]
-) -> Iterator[tuple[int, float, Grey]]:
-    meter = MotionMeter(info.max_level)
-    meter.changes = changes
-    for index, time_s, grey in frames:
         meter.add(grey)
         yield index, time_s, grey

@@ -26,16 +26,6 @@ class FrameReader(Protocol):
 FRAME_READERS: Registry[FrameReader] = Registry("frame reader", FRAME_READERS_GROUP)
 
 
-def probe(path: str | Path) -> Contents:
-    """Return a video's contents; at most its first frame is decoded."""
-    return reader_of(path).probe(path)
-
-
-def open_source(path: str | Path, threads: int, frames: int | None) -> AbstractContextManager[Source]:
-    """Open a video in this process; arguments as for `FrameReader.open_source`."""
-    return reader_of(path).open_source(path, threads, frames)
-
-
 def reader_of(path: str | Path) -> FrameReader:
     """Return the reader of a video.
 

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from strandcast.arm.spatial import hand_path
 from strandcast.config.estimate import EstimateSettings
 from strandcast.config.plan import PlanSettings
 from strandcast_studies.benchmarks.space import run
@@ -21,7 +20,7 @@ def test_targets_are_beyond_the_hand_but_not_the_string(seed: int) -> None:
     limits = case.arm.limits
     low, high = np.maximum(limits.lower_rad, -np.pi), np.minimum(limits.upper_rad, np.pi)
     q = np.random.default_rng(0).uniform(low, high, (20_000, len(low)))
-    hands_m = hand_path(case.arm.chain, q)[:, :3]
+    hands_m = case.arm.hand_path(q)[:, :3]
     assert np.linalg.norm(hands_m - case.arm.chain.anchors_m[1], axis=1).max() <= reach_m + 5e-4
 
 

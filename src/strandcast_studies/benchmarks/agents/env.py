@@ -172,8 +172,8 @@ class ThrowEnv(gymnasium.Env):
 
     def _box(self) -> np.ndarray:
         """Return the camera's view as (2, 2): low and high of x and y [m]."""
-        box = self._task.experiment.workspace_m or self._arm.workspace
-        return np.array([box.x_m, box.y_m])
+        own = self._task.experiment.workspace_m
+        return self._arm.box_m if own is None else np.array([own.x_m, own.y_m])
 
     @property
     def _arm(self) -> PlanarArm:

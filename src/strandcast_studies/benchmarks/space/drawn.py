@@ -74,7 +74,7 @@ def drawn_case(seed: int) -> SpaceCase:
 
 def _target(arm: SpatialArm, reach_m: float, length_m: float, random: np.random.Generator) -> np.ndarray:
     """Return a place in the workspace that the string can reach but not the hand, in any direction."""
-    shoulder_m, box = arm.chain.anchors_m[1], arm.workspace_m
+    shoulder_m, box = arm.chain.anchors_m[1], arm.box_m
     while True:
         away_m = random.uniform(-1.0, 1.0, 3) * (reach_m + OF_LENGTH * length_m)
         inside = (shoulder_m + away_m >= box[:, 0] + EDGE_M) & (shoulder_m + away_m <= box[:, 1] - EDGE_M)

@@ -17,7 +17,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.signal import savgol_filter
 
-from strandcast.arm.spatial import hand_path
 from strandcast.config.estimate import EstimateSettings
 from strandcast.config.plan import PlanSettings
 from strandcast.core.closest_approach import closest_approach
@@ -168,7 +167,7 @@ def throw_in_space(
     frame_s, points_m = _track(played.swing, motion_s, random)
     past = _past(case, plan, trial, played, frame_s, points_m)
     used = (frame_s >= -FITTED_BEFORE_S) & (frame_s <= motion_s + FITTED_AFTER_S)
-    pose = hand_path(case.arm.chain, resampled(frame_s[used], played.log_s, played.q_rad))
+    pose = case.arm.hand_path(resampled(frame_s[used], played.log_s, played.q_rad))
     places = np.linspace(0.0, 1.0, POINTS + 1)[1:]
     series = CableSeries(frame_s[used], pose, points_m[used, 1:], places, fastest_m_s=FASTEST_M_S)
     return SpaceTrial(past, series, true_miss(played.swing, case.target_m, motion_s)[0])
