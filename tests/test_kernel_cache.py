@@ -97,7 +97,7 @@ def test_without_a_home_one_folder_of_this_users_own_is_used(tmp_path):
 USE = """
 import numpy as np
 from strandcast.planning.approach import _closest_approaches as kernel, closest_approaches
-closest_approaches(np.zeros((1, 3, 2)), np.array([2]), 1.0, 0.0)
+closest_approaches(np.zeros((1, 3, 2)), np.array([2]), np.ones(2))
 print(sum(kernel.stats.cache_hits.values()), sum(kernel.stats.cache_misses.values()))
 """
 

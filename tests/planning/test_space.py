@@ -23,7 +23,7 @@ from strandcast.dynamics.simulate import simulate_batch
 from strandcast.errors import StrandcastError
 from strandcast.planning import miss_calibration
 from strandcast.planning import plan as plan_module
-from strandcast.planning.approach import approaches_in_space
+from strandcast.planning.approach import closest_approaches
 from strandcast.planning.assessment import Assessment, assess_rollouts
 from strandcast.planning.bezier import Curve, rest_heights
 from strandcast.planning.capsules import start_violation_m
@@ -106,9 +106,9 @@ def test_a_wrong_chain_misses_by_something_else(
 
 def test_the_path_between_samples_counts() -> None:
     tips = np.array([[[0.0, 0.0, 0.0], [0.2, 0.0, 0.0], [0.2, 0.2, 0.0]]])
-    miss, index = approaches_in_space(tips, np.array([2]), np.array([0.1, 0.0, 0.03]))
+    miss, index = closest_approaches(tips, np.array([2]), np.array([0.1, 0.0, 0.03]))
     np.testing.assert_allclose([miss[0], index[0]], [0.03, 1])
-    miss, index = approaches_in_space(tips, np.array([1]), np.array([0.2, 0.2, 0.0]))
+    miss, index = closest_approaches(tips, np.array([1]), np.array([0.2, 0.2, 0.0]))
     np.testing.assert_allclose([miss[0], index[0]], [0.2, 1])
 
 
@@ -269,7 +269,7 @@ def test_after_a_bad_fit_the_motion_stays_near_what_was_thrown(
     tips = simulate_rollouts(task, first_strings.first(1), RolloutConditions(), played.q_rad[None], last)
     time_s = np.arange(len(played.q_rad)) * task.step_s
     tip_m = tips.points_m[0, :, -1] + np.array([0.0, 0.0, 0.08])
-    away_m = approaches_in_space(tip_m[None], last, task.target_m)[0][0]
+    away_m = closest_approaches(tip_m[None], last, task.target_m)[0][0]
     trial = replace(played, trial=1, frame_s=time_s, tip_m=tip_m, miss_m=float(away_m))
     random = np.random.default_rng(5)
     plan = plan_next(task, first_strings, [trial], SMALL, random, fit_E_m=0.02)

@@ -61,9 +61,9 @@ def approaches(kernel: Callable[..., None], count: int, *given: object) -> Appro
     return miss, index
 
 
-def closest_approaches(paths: np.ndarray, last: np.ndarray, x: float, y: float) -> Approaches:
-    """Return the closest approaches of paths (B, T, 2) to a place."""
-    return approaches(_closest_approaches, len(paths), paths, last, x, y)
+def closest_approaches(paths: np.ndarray, last: np.ndarray, target: np.ndarray) -> Approaches:
+    """Return the closest approaches of paths (B, T, 2 or 3) to a place (2 or 3,)."""
+    return approaches(_closest_approaches, len(paths), np.ascontiguousarray(paths), last, target)
 
 
 def tip_approaches(
@@ -78,24 +78,32 @@ def bar_approaches(tips: np.ndarray, last: np.ndarray, ends: np.ndarray) -> Appr
     return approaches(_bar_approaches, len(tips), tips, last, ends)
 
 
-def approaches_in_space(tips: np.ndarray, last: np.ndarray, target: np.ndarray) -> Approaches:
-    """Return the closest approaches of tips (B, T, 3) to a place (3,)."""
-    return approaches(_approaches_in_space, len(tips), np.ascontiguousarray(tips), last, target)
-
-
 @njit(cache=True, nogil=True)
 def _closest_approaches(
     first: int,
     end: int,
     paths: np.ndarray,
     last: np.ndarray,
-    x: float,
-    y: float,
+    target: np.ndarray,
     miss: np.ndarray,
     index: np.ndarray,
 ) -> None:
     for b in range(first, end):
-        miss[b], index[b] = closest_approach(paths[b], last[b], x, y)
+        for t in range(1, last[b] + 1):
+            square, along = 0.0, 0.0
+            for axis in range(len(target)):
+                step = paths[b, t, axis] - paths[b, t - 1, axis]
+                square += step * step
+                along += (target[axis] - paths[b, t - 1, axis]) * step
+            share = min(1.0, max(0.0, along / square)) if square > 0.0 else 0.0
+            away2 = 0.0
+            for axis in range(len(target)):
+                before = paths[b, t - 1, axis]
+                off = target[axis] - before - share * (paths[b, t, axis] - before)
+                away2 += off * off
+            away = math.sqrt(away2)
+            if away < miss[b]:
+                miss[b], index[b] = away, t
 
 
 @njit(cache=True, nogil=True)
@@ -133,29 +141,3 @@ def _bar_approaches(
             away = bar_distance(tips[b, t - 1], tips[b, t], ends[0], ends[1])
             if away < miss[b]:
                 miss[b], index[b] = away, t
-
-
-@njit(cache=True, nogil=True)
-def _approaches_in_space(
-    first: int,
-    end: int,
-    tips: np.ndarray,
-    last: np.ndarray,
-    target: np.ndarray,
-    miss: np.ndarray,
-    index: np.ndarray,
-) -> None:
-    for b in range(first, end):
-        for t in range(1, last[b] + 1):
-            square, along = 0.0, 0.0
-            for axis in range(3):
-                step = tips[b, t, axis] - tips[b, t - 1, axis]
-                square += step * step
-                along += step * (target[axis] - tips[b, t - 1, axis])
-            share = min(1.0, max(0.0, along / square)) if square > 0.0 else 0.0
-            away2 = 0.0
-            for axis in range(3):
-                before = tips[b, t - 1, axis]
-                away2 += (before + share * (tips[b, t, axis] - before) - target[axis]) ** 2
-            if away2 < miss[b] * miss[b]:
-                miss[b], index[b] = math.sqrt(away2), t

@@ -77,11 +77,9 @@ class Rollouts(NamedTuple):
         ends = self.points_m[:, :, int(before)], self.points_m[:, :, int(before) + 1]
         return np.asarray((1.0 - share) * ends[0] + share * ends[1])
 
-    def nearest(self, path_m: np.ndarray, target_m: np.ndarray | tuple[float, float]) -> Miss:
-        """Return how near paths (B, T, 2) come to a place (2,), between the samples too, and when."""
-        x, y = (float(value) for value in target_m)
-        miss, index = closest_approaches(np.ascontiguousarray(path_m), self.last, x, y)
-        return miss, index
+    def nearest(self, path_m: np.ndarray, target_m: np.ndarray | tuple[float, ...]) -> Miss:
+        """Return how near paths (B, T, 2 or 3) come to a place, between the samples too, and when."""
+        return closest_approaches(path_m, self.last, np.asarray(target_m, float))
 
     def least(self, values: np.ndarray) -> Miss:
         """Return the least of values (B, T) within each rollout's window, and its sample."""

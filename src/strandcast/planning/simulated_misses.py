@@ -21,7 +21,6 @@ from strandcast.core.objectives import (
 from strandcast.errors import StrandcastError
 from strandcast.planning.approach import (
     approaches,
-    approaches_in_space,
     bar_approaches,
     segment_distance,
     tip_approaches,
@@ -59,8 +58,7 @@ def _point_miss(objective: AimedPoint, rollouts: Rollouts) -> Miss:
 @simulated_miss.register
 def _point_in_space_miss(objective: PointInSpace, rollouts: Rollouts) -> Miss:
     """Return the least distance of the tip's path."""
-    miss: Miss = approaches_in_space(rollouts.tip_m(), rollouts.last, np.array(objective.target_m, float))
-    return miss
+    return rollouts.nearest(rollouts.tip_m(), objective.target_m)
 
 
 @simulated_miss.register
