@@ -87,7 +87,7 @@ def test_the_sign_of_a_joint(good, refusal, joint):
     ],
 )
 def test_an_arms_file_with_a_wrong_link(good, refusal, arm, longer_m, words):
-    chain = dataclasses.replace(arm.chain, lengths_m=arm.chain.lengths_m + np.array(longer_m))
+    chain = arm.chain._replace(lengths_m=arm.chain.lengths_m + np.array(longer_m))
     found = refusal(good, on=dataclasses.replace(arm, chain=chain))
     assert (found.code, found.file) == ("SC-A015", str(arm.path))
     assert words in found.what

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from strandcast.arm.link_masses import torque_gap
+from strandcast.arm.limits import torque_gap
 from strandcast.arm.load import PlanarArm, load_arm
 from strandcast.arm.urdf import massless
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from strandcast.arm.kinematics import PlanarChain, hand_pose, hand_poses, planar_links
+from strandcast.arm.kinematics import PlanarChain, hand_pose, hand_poses
 from strandcast.arm.settings import Clamp
 from strandcast.core.disturbances import (
     GRASP_ANGLE_RAD,
@@ -214,7 +214,7 @@ def test_hand_poses_match_the_chains_kinematics(task: PlanningTask) -> None:
         np.array([1.0, -1.0, 1.0]),
     )
     clamp = Clamp(link="hand", offset_m=(0.05, -0.03), angle_rad=0.4)
-    found = hand_poses(q, zero, longer, planar_links(chain, clamp)).reshape(3, 2, 20, 3)
+    found = hand_poses(q, zero, longer, chain, clamp).reshape(3, 2, 20, 3)
     for k in range(2):
         pose = hand_pose(chain, clamp, q + zero[k]).array()
         out = np.stack([np.cos(pose[..., 2]), np.sin(pose[..., 2])], axis=-1)

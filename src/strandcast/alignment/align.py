@@ -16,14 +16,19 @@ from strandcast.alignment.checks import (
     warnings_of,
 )
 from strandcast.alignment.coarse_search import AlignmentData
-from strandcast.alignment.cost import FastestPoint
 from strandcast.alignment.diagnosis import WIDE
-from strandcast.alignment.events import VideoEvent, pair_events, refuse_contradiction, robot_events
+from strandcast.alignment.events import (
+    FastestPoint,
+    VideoEvent,
+    pair_events,
+    refuse_contradiction,
+    robot_events,
+)
 from strandcast.alignment.fine_fit import Candidate, ClockFit, fit_clock
 from strandcast.alignment.led import LedPairs, led_events, pair_led
 from strandcast.alignment.log_rows import log_rows_of, motion_span
 from strandcast.alignment.problem import ClockProblem, EventPair, Priors
-from strandcast.alignment.search import AlignmentFiles, best_fit, fit_with_events
+from strandcast.alignment.search import best_fit, fit_with_events
 from strandcast.alignment.single_error import with_single_error
 from strandcast.alignment.to_record import Heading, record_of_events, record_of_fit, sync_check
 from strandcast.arm.load import PlanarArm
@@ -95,7 +100,7 @@ def align(
     rig, detections = rig_of(arm), detections_of(video.markers, arm)
     rows = log_rows_of(robot.log, arm, robot.file)
     refuse_few_detections(detections)
-    priors, files = Priors(clock=settings), AlignmentFiles(robot.file, str(arm.path))
+    priors = Priors(clock=settings)
     events = _events(video, robot, settings, trial)
     heading = Heading(experiment, trial, robot.motion_s or motion_span(rows))
     no_motion = no_motion_error(detections, rows, arm, robot.file)
@@ -104,9 +109,10 @@ def align(
         if not pairs or no_motion.code != "SC-A008":
             raise no_motion
         return record_of_events(pairs, priors, heading)
-    data = AlignmentData(rig, rows, detections, arm.joints, settings.largest_offset_s)
-    best = best_fit(data, priors, files)
-    _refuse_mistakes(best, data, priors, files)
+    files = robot.file, str(arm.path)
+    data = AlignmentData(rig, rows, detections, settings.largest_offset_s, arm.joints, *files)
+    best = best_fit(data, priors)
+    _refuse_mistakes(best, data, priors)
     best = with_single_error(best, rig, priors)
     fastest = FastestPoint("a tip's", tip_speed_m_s) if tip_speed_m_s else _fastest_hand(best.covered)
     checked = _checked_events(best, events, fastest)
@@ -176,16 +182,16 @@ def _checked_events(best: Candidate, events: _Events, fastest: FastestPoint) -> 
     return _CheckedEvents((*pairs, *(led.events if used else ())), checks, led.warnings)
 
 
-def _refuse_mistakes(best: Candidate, data: AlignmentData, priors: Priors, files: AlignmentFiles) -> None:
+def _refuse_mistakes(best: Candidate, data: AlignmentData, priors: Priors) -> None:
     """Refuse a log, a frame rate or an arm's file that the fit shows to be wrong."""
-    rig, detections, offset_s = data.rig, data.detections, best.fit.offset_s()
-    refuse_frame_rate(best.fit, detections)
+    rig, offset_s = data.rig, best.fit.offset_s()
+    refuse_frame_rate(best.fit, data.detections)
     refuse_uneven_clock(best, data)
-    refuse_truncated_log(data.rows, detections, detections.time_s + offset_s, files.log)
+    refuse_truncated_log(data, offset_s)
     if implausible_dimensions(best.fit.rig_error, priors):
         free = WIDE.with_drift(priors.drift)
         wide = fit_clock(ClockProblem.of(rig, best.path, best.covered, offset_s, free))
-        refuse_wrong_dimensions(wide.rig_error, wide.rig_error_se, rig, data.joint_names, files.arm)
+        refuse_wrong_dimensions(wide.rig_error, wide.rig_error_se, rig, data.joint_names, data.arm_file)
 
 
 def _fastest_hand(detections: Detections) -> FastestPoint:

@@ -27,14 +27,11 @@ class UnevenClock:
         (F,) instants of the film on both clocks [s].
     rate
         (F - 1,) of `RATES`, between them.
-    saved
-        Cost of the best single rate less that of this clock, in squared standard deviations.
     """
 
     time_s: np.ndarray
     robot_s: np.ndarray
     rate: np.ndarray
-    saved: float
 
     def corrected(self, data: AlignmentData) -> AlignmentData:
         """Return the data as they would be with an even clock."""
@@ -82,8 +79,7 @@ def uneven_clock(data: AlignmentData, error: RigError) -> UnevenClock | None:
         before[k] = np.where(best <= changed, rates, best.argmin(axis=0))
         best = _moved(np.minimum(best, changed), moves[:, k - 1]) + cost[k]
         single = _moved(single, moves[:, k - 1]) + cost[k]
-    saved = float(single.min() - best.min())
-    if saved < LEAST_SAVED:
+    if float(single.min() - best.min()) < LEAST_SAVED:
         return None
     which, place = (int(each) for each in np.unravel_index(best.argmin(), best.shape))
     robot_s, rate = np.full(len(time_s), grid_s[place]), np.zeros(len(time_s) - 1)
@@ -91,7 +87,7 @@ def uneven_clock(data: AlignmentData, error: RigError) -> UnevenClock | None:
         place -= int(moves[which, k - 1])
         robot_s[k - 1], rate[k - 1] = grid_s[place], RATES[which]
         which = int(before[k, which, place])
-    return UnevenClock(time_s, robot_s, rate, saved)
+    return UnevenClock(time_s, robot_s, rate)
 
 
 def capped_cost(off_m: np.ndarray) -> np.ndarray:

@@ -3,9 +3,9 @@
 import numpy as np
 
 from strandcast.alignment.changing_rate import LEAST_SAVED, MOST_SIGMAS, capped_cost, uneven_clock
-from strandcast.alignment.coarse_search import AlignmentData
-from strandcast.alignment.cost import FastestPoint
+from strandcast.alignment.coarse_search import LEAST_DETECTIONS, AlignmentData
 from strandcast.alignment.diagnosis import truncated_log_error
+from strandcast.alignment.events import FastestPoint
 from strandcast.alignment.fine_fit import SHIFT_S, Candidate, ClockFit
 from strandcast.alignment.frame_rate import rate_words
 from strandcast.alignment.log_rows import MOVES, LogRows, hand_travel_m
@@ -16,7 +16,6 @@ from strandcast.rig.faults import rig_faults
 from strandcast.rig.model import Detections, Rig
 
 # Chosen: what alignments of lab throws reach, with room; an offset of 2 ms costs 20 mm at 10 m/s.
-LEAST_DETECTIONS = 20
 LEAST_TRAVEL_M = 0.02
 PLAIN_RESIDUAL_M = 0.001  # beyond it, something is slightly wrong
 LARGEST_CI_S = 0.002  # half the 95 % interval
@@ -89,16 +88,16 @@ def no_overlap_error(file: str | None) -> StrandcastError:
     )
 
 
-def refuse_truncated_log(
-    rows: LogRows, detections: Detections, robot_s: np.ndarray, file: str | None
-) -> None:
+def refuse_truncated_log(data: AlignmentData, offset_s: float) -> None:
     """Refuse a log that begins or ends in mid-throw while the video shows the rest (SC-A007)."""
-    speed = detections.speed_m_s()
+    rows, robot_s, speed = data.rows, data.detections.time_s + offset_s, data.detections.speed_m_s()
     fast = speed > MOVES * float(np.quantile(speed, 0.98))
     unlogged = fast & ((robot_s < rows.time_s[0]) | (robot_s > rows.time_s[-1]))
     times = np.unique(robot_s[unlogged])
     if len(times) > 1 and np.ptp(times) > LONGEST_UNLOGGED_S:
-        error = truncated_log_error(rows, file, f"; the video shows {np.ptp(times):.2f} s more of motion")
+        error = truncated_log_error(
+            rows, data.log_file, f"; the video shows {np.ptp(times):.2f} s more of motion"
+        )
         if error is not None:
             raise error
 

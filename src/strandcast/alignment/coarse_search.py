@@ -4,11 +4,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from strandcast.alignment.joints import joint_path
 from strandcast.alignment.log_rows import MOVES, LogRows
+from strandcast.alignment.problem import ClockProblem, Priors
 from strandcast.rig.model import Detections, Rig, marker_path_m
 
 # Chosen; not sensitive: the fine fit starts from here.
 STEP_S = 0.002
+LEAST_DETECTIONS = 20  # of the hand's markers
 MOST_DETECTIONS = 200
 CHUNK = 2000  # offsets at once, to bound the memory
 LARGEST_OFF_M = 0.1  # limit on the deviation of a misread marker
@@ -17,13 +20,24 @@ APART_S = 0.05  # offsets nearer to each other than this count as one
 
 @dataclass(frozen=True, eq=False)
 class AlignmentData:
-    """The data of one alignment: the rig, the log's rows, the detected markers, and the largest offset."""
+    """The data of one alignment, and the names that messages give the joints and the files."""
 
     rig: Rig
     rows: LogRows
     detections: Detections
-    joint_names: tuple[str, ...]
     largest_offset_s: float | None
+    joint_names: tuple[str, ...]
+    log_file: str | None
+    arm_file: str
+
+    def problem(self, offset_s: float, priors: Priors) -> ClockProblem | None:
+        """Return the problem of a fit that starts at an offset; None where the log covers few detections."""
+        covered = self.detections.where(self.rows.covers(self.detections.time_s + offset_s))
+        if len(covered.time_s) < LEAST_DETECTIONS:
+            return None
+        robot_s = covered.time_s + offset_s
+        path = joint_path(self.rows.time_s, self.rows.q_rad, (float(robot_s[0]), float(robot_s[-1])))
+        return ClockProblem.of(self.rig, path, covered, offset_s, priors)
 
     def offset_window(self) -> tuple[float, float]:
         """Return least and greatest offset at which log and video overlap."""

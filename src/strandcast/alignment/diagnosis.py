@@ -11,9 +11,8 @@ from strandcast.alignment.changing_rate import uneven_clock
 from strandcast.alignment.coarse_search import AlignmentData, candidate_offsets
 from strandcast.alignment.fine_fit import moving_rms_m, outliers, robust_fit
 from strandcast.alignment.frame_rate import coarse_rate, rate_words
-from strandcast.alignment.joints import joint_path
 from strandcast.alignment.log_rows import MOVES, LogRows, end_speeds
-from strandcast.alignment.problem import ClockProblem, Priors
+from strandcast.alignment.problem import Priors
 from strandcast.alignment.single_error import FIRST_ZERO, FREED
 from strandcast.core.pose import Pose
 from strandcast.errors import StrandcastError
@@ -24,7 +23,6 @@ from strandcast.rig.model import Detections, RigError
 MOST_PERMUTED = 4  # joints; of more, only pairs are exchanged
 EXPLAINS_M = 0.005
 EXPLAINS_SHARE = 0.25  # of the residual to be explained
-LEAST_DETECTIONS = 20
 WIDE = Priors(link_length_m=0.05, marker_shift_m=0.05, marker_turn_rad=0.3)
 ANY_RATE_DRIFT = 0.02
 LENGTHS_EXPLAIN_M, LENGTHS_EXPLAIN_SHARE = 0.002, 0.15  # stricter, because many numbers are free
@@ -51,15 +49,13 @@ class _Fitted(NamedTuple):
     full: np.ndarray | None
 
 
-def diagnose(
-    data: AlignmentData, residual_m: float, file: str | None, arm_file: str | None
-) -> StrandcastError:
+def diagnose(data: AlignmentData, residual_m: float) -> StrandcastError:
     """Return the refusal that names the mistake; if none explains the path, the log of another trial.
 
     `residual_m` is that of the best fit, or of the coarse search.
     """
     cost = f"the string's fit would be off by about {residual_m * 1e3:.0f} mm"
-    truncated = truncated_log_error(data.rows, file)
+    truncated = truncated_log_error(data.rows, data.log_file)
     if truncated is not None:
         return truncated
     off = f"the hand in the video stays {residual_m * 1e3:.1f} mm rms from where this log puts it"
@@ -71,17 +67,15 @@ def diagnose(
         return StrandcastError(
             best.code,
             f"{off}; {best.what}, {best_m * 1e3:.1f} mm remain",
-            file=file,
+            file=data.log_file,
             field=best.field,
             cost=cost,
             fix=best.fix,
         )
-    single = _wrong_zero_or_length(data)
-    if single is not None and single[0] < min(LENGTHS_EXPLAIN_M, LENGTHS_EXPLAIN_SHARE * residual_m):
-        return wrong_arm_error(single[1], f"{off}; ", cost, arm_file)
-    lengths = _wrong_lengths(data)
-    if lengths is not None and lengths[0] < min(LENGTHS_EXPLAIN_M, LENGTHS_EXPLAIN_SHARE * residual_m):
-        return wrong_arm_error(lengths[1], f"{off}; ", cost, arm_file)
+    for wrong in (_wrong_zero_or_length, _wrong_lengths):
+        of_arm = wrong(data)
+        if of_arm is not None and of_arm[0] < min(LENGTHS_EXPLAIN_M, LENGTHS_EXPLAIN_SHARE * residual_m):
+            return wrong_arm_error(of_arm[1], f"{off}; ", cost, data.arm_file)
     clock = uneven_clock(data, RigError.none(data.rig))
     if clock is not None and _fit(clock.corrected(data), 0.0, Priors()).residual_m < most_m:
         return clock.error(off, cost)
@@ -89,7 +83,7 @@ def diagnose(
         "SC-A007",
         f"{off}, at the best offset; at most {EXPLAINS_M * 1e3:.0f} mm are accepted, and no usual mistake "
         "(joints' order, signs, degrees, arm, frame rate, mirrored) explains it",
-        file=file,
+        file=data.log_file,
         cost=cost,
         fix="it looks like the log of another trial: use the one that was written during this video",
     )
@@ -198,18 +192,14 @@ def _remaining_m(hypothesis: Hypothesis) -> float:
 
 def _fit(data: AlignmentData, offset_s: float, priors: Priors, freed: int | None = None) -> _Fitted:
     """Fit from one offset; `freed` is an unknown with a prior that is `FREED` times as wide."""
-    rows, detections = data.rows, data.detections
-    covered = detections.where(rows.covers(detections.time_s + offset_s))
-    if len(covered.time_s) < LEAST_DETECTIONS:
+    problem = data.problem(offset_s, priors)
+    if problem is None:
         return _Fitted(np.inf, None)
-    robot_s = covered.time_s + offset_s
-    path = joint_path(rows.time_s, rows.q_rad, (float(robot_s[0]), float(robot_s[-1])))
-    problem = ClockProblem.of(data.rig, path, covered, offset_s, priors)
     if freed is not None:
         problem.scales[freed] *= FREED
     fit = robust_fit(problem)
     off = problem.residual(fit.x)
-    return _Fitted(moving_rms_m(off, covered, outliers(off, fit.sigma)), fit.x * problem.scales)
+    return _Fitted(moving_rms_m(off, problem.detections, outliers(off, fit.sigma)), fit.x * problem.scales)
 
 
 def _frame_rate(data: AlignmentData) -> list[tuple[float, Hypothesis]]:

@@ -1,7 +1,7 @@
 """Events on both clocks, such as an LED that the controller switches: an offset independent of the motion."""
 
 from collections.abc import Sequence
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
@@ -13,6 +13,20 @@ from strandcast.records.joint_log import SYNC_HIGH, JointLog, SyncEvent
 CONTRADICTION = 4.0  # standard deviations; chosen
 LEAST_SIGMA_S = 1e-5
 SYNC_OUTPUT = "sync output"  # kind of the events in the log's flags
+
+
+class FastestPoint(NamedTuple):
+    """The fastest point of the throw: the owner of the speed, as "the hand's", and its speed [m/s]."""
+
+    owner: str
+    speed_m_s: float
+
+    def error_mm(self, time_s: float) -> float:
+        """Return how far the point moves in a time: the cost of a wrong offset [mm]."""
+        return abs(time_s) * self.speed_m_s * 1e3
+
+    def __str__(self) -> str:
+        return f"{self.owner} {self.speed_m_s:.1f} m/s"
 
 
 class VideoEvent(Protocol):

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from strandcast.alignment.joints import MAD, JointPath
-from strandcast.alignment.noise import Refined, refine
+from strandcast.alignment.noise import refine
 from strandcast.alignment.problem import OFFSET_UNIT_S, ClockProblem
 from strandcast.rig.model import Detections, Rig, RigError
 
@@ -19,7 +19,6 @@ OUTLIER = 6.0  # standard deviations beyond which a detection is left out
 SHIFT_S, LEAST_SHAPE_M = 0.025, 0.001
 LEAST_TRUE_SHARE = 0.8
 MOST_OUTLIERS = 0.25  # of the detections
-WIDER = 10.0  # factor on the priors that must not matter to an offset determined by the motion
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,15 +118,39 @@ class RobustFit(NamedTuple):
     noise_scale: np.ndarray
 
 
+def fitted(problem: ClockProblem, shape_m: float) -> Candidate:
+    """Return the fit of a problem whose path changes its shape by `shape_m`."""
+    fit = fit_clock(problem)
+    residual_m = moving_rms_m(fit.residual, problem.detections, fit.outlier)
+    return Candidate(fit, problem.detections, problem.path, residual_m, shape_m)
+
+
 def fit_clock(problem: ClockProblem) -> ClockFit:
     """Fit the clocks, and estimate the uncertainty."""
     robust = robust_fit(problem)
     sigma = robust.sigma
     outlier = outliers(problem.residual(robust.x), sigma)
     kept = replace(problem, detections=problem.detections.where(~outlier))
-    x = _minimise(kept, robust.x, sigma[~outlier])
-    refined = refine(kept, x, sigma[~outlier], WIDER)
-    return _clock_fit(problem, refined, outlier, robust.noise_scale)
+    found = refine(kept, _minimise(kept, robust.x, sigma[~outlier]), sigma[~outlier])
+    full, scales = found.x * problem.scales, problem.scales
+    errors = found.covariance * scales[:, None] * scales
+    return ClockFit(
+        middle_camera_s=problem.middle_s,
+        middle_robot_s=problem.middle_s + problem.offset_s + float(full[0]),
+        drift=float(full[1]),
+        middle_se_s=float(np.sqrt(errors[0, 0])),
+        drift_se=float(np.sqrt(errors[1, 1])),
+        middle_drift_cov_s=float(errors[0, 1]),
+        unaided_se_s=found.unaided_se * OFFSET_UNIT_S,
+        true_share=found.true_share,
+        rig_error=problem.rig_error(found.x),
+        rig_error_se=np.sqrt(np.diag(errors))[2:],
+        residual=problem.residual(found.x),
+        outlier=outlier,
+        noise_scale=robust.noise_scale,
+        slow_m=found.slow_m,
+        slow_rad=found.slow_rad,
+    )
 
 
 def robust_fit(problem: ClockProblem) -> RobustFit:
@@ -159,30 +182,6 @@ def moving_rms_m(residual: np.ndarray, detections: Detections, outlier: np.ndarr
     left_out = min(max(0.05, float(outlier[moving].mean())), MOST_OUTLIERS)
     square = np.sort((residual[moving, :2] ** 2).sum(axis=1))
     return float(np.sqrt(square[: max(1, int((1.0 - left_out) * len(square)))].mean()))
-
-
-def _clock_fit(
-    problem: ClockProblem, found: Refined, outlier: np.ndarray, noise_scale: np.ndarray
-) -> ClockFit:
-    full, scales = found.x * problem.scales, problem.scales
-    errors = found.covariance * scales[:, None] * scales
-    return ClockFit(
-        middle_camera_s=problem.middle_s,
-        middle_robot_s=problem.middle_s + problem.offset_s + float(full[0]),
-        drift=float(full[1]),
-        middle_se_s=float(np.sqrt(errors[0, 0])),
-        drift_se=float(np.sqrt(errors[1, 1])),
-        middle_drift_cov_s=float(errors[0, 1]),
-        unaided_se_s=found.unaided_se * OFFSET_UNIT_S,
-        true_share=found.true_share,
-        rig_error=problem.rig_error(found.x),
-        rig_error_se=np.sqrt(np.diag(errors))[2:],
-        residual=problem.residual(found.x),
-        outlier=outlier,
-        noise_scale=noise_scale,
-        slow_m=found.slow_m,
-        slow_rad=found.slow_rad,
-    )
 
 
 def _nominal_sigma(rig: Rig, detections: Detections) -> np.ndarray:

@@ -9,8 +9,13 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from strandcast.alignment.cost import FastestPoint
-from strandcast.alignment.events import CONTRADICTION, LEAST_SIGMA_S, VideoEvent, sync_output_events
+from strandcast.alignment.events import (
+    CONTRADICTION,
+    LEAST_SIGMA_S,
+    FastestPoint,
+    VideoEvent,
+    sync_output_events,
+)
 from strandcast.alignment.fine_fit import ClockFit
 from strandcast.alignment.problem import EventPair
 from strandcast.config.align import LedSettings

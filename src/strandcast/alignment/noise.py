@@ -15,6 +15,7 @@ REACH_FACTOR = 3.0  # one standard deviation of that prior, as a factor
 SIZE_FACTOR = 10.0  # the same for the size of slow errors
 EVALUATIONS = 120
 LEAST_SHARE = 0.01
+WIDER = 10.0  # factor on the priors that must not matter to an offset determined by the motion
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,8 +30,8 @@ class Refined:
         The offset's standard error if the rig's constants were known less well.
     true_share
         Share of the information on the offset that comes from motion, not from the log's noise.
-    slow_m, slow_rad, reach_m
-        Size of slow errors of position and angle, and the path length over which they change.
+    slow_m, slow_rad
+        Size of slow errors of position and angle.
     """
 
     x: np.ndarray
@@ -39,18 +40,15 @@ class Refined:
     true_share: float
     slow_m: float
     slow_rad: float
-    reach_m: float
 
 
-def refine(problem: ClockProblem, x: np.ndarray, sigma: np.ndarray, wider: float) -> Refined:
+def refine(problem: ClockProblem, x: np.ndarray, sigma: np.ndarray) -> Refined:
     """Refine a robust fit x without outliers by generalised least squares, and estimate its uncertainty.
 
     Parameters
     ----------
     sigma
         (m, 3) noise of the detections.
-    wider
-        Factor on the priors of the rig's errors for `Refined.unaided_se`.
 
     Notes
     -----
@@ -77,10 +75,10 @@ def refine(problem: ClockProblem, x: np.ndarray, sigma: np.ndarray, wider: float
     _, step, covariance = restricted(binned, best, information, expected)
     share = _true_share(binned, best, information, covariance)
     covariance = covariance / share
-    loose = np.diag(problem.prior(wider)) + more_slope.T @ more_slope
+    loose = np.diag(problem.prior(WIDER)) + more_slope.T @ more_slope
     unaided = restricted(binned, best, loose, expected)[2]
     unaided = unaided / _true_share(binned, best, loose, unaided)
-    slow_m, slow_turn, reach_m = np.exp(best)
+    slow_m, slow_turn, _ = np.exp(best)
     return Refined(
         x + step,
         covariance,
@@ -88,7 +86,6 @@ def refine(problem: ClockProblem, x: np.ndarray, sigma: np.ndarray, wider: float
         share,
         slow_m,
         slow_turn / binned.lever_m,
-        reach_m,
     )
 
 

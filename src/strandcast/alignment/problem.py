@@ -98,6 +98,10 @@ class ClockProblem:
         middle_s = float(detections.time_s.mean())
         return cls(rig, path, detections, events, scales, expected, middle_s, offset_s)
 
+    def with_priors(self, priors: Priors) -> ClockProblem:
+        """Return the same problem with other priors."""
+        return replace(self, scales=priors.scales(self.rig), expected=priors.expected(self.rig))
+
     def robot_s(self, x: np.ndarray) -> np.ndarray:
         """Return the robot times (m,) of the detections."""
         shift_s, drift = x[:2] * self.scales[:2]

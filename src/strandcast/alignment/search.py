@@ -1,12 +1,9 @@
 """The best fit of all offsets at which log and video overlap."""
 
-from dataclasses import dataclass, replace
-
-from strandcast.alignment.checks import LEAST_DETECTIONS, no_overlap_error
+from strandcast.alignment.checks import no_overlap_error
 from strandcast.alignment.coarse_search import APART_S, AlignmentData, candidate_offsets, shape_change_m
 from strandcast.alignment.diagnosis import diagnose
-from strandcast.alignment.fine_fit import SHIFT_S, Candidate, fit_clock, moving_rms_m
-from strandcast.alignment.joints import joint_path
+from strandcast.alignment.fine_fit import SHIFT_S, Candidate, fitted
 from strandcast.alignment.problem import ClockProblem, EventPair, Priors
 from strandcast.errors import StrandcastError
 from strandcast.rig.model import Rig
@@ -22,15 +19,7 @@ FREED_SHARE = 0.7  # of the residual: a free drift must leave less
 LEAST_SHARE = 0.5  # of the path in the video that a rival must explain
 
 
-@dataclass(frozen=True)
-class AlignmentFiles:
-    """The files that messages name."""
-
-    log: str | None
-    arm: str
-
-
-def best_fit(data: AlignmentData, priors: Priors, files: AlignmentFiles) -> Candidate:
+def best_fit(data: AlignmentData, priors: Priors) -> Candidate:
     """Return the best fit of all offsets.
 
     It is refused if no offset covers the detections, none fits (with the mistake that explains it), or two
@@ -38,17 +27,17 @@ def best_fit(data: AlignmentData, priors: Priors, files: AlignmentFiles) -> Cand
     """
     offsets, coarse_m = candidate_offsets(data)
     if coarse_m[0] > LARGEST_COARSE_M:
-        raise diagnose(data, float(coarse_m[0]), files.log, files.arm)
+        raise diagnose(data, float(coarse_m[0]))
     near = offsets[coarse_m <= max(3.0 * coarse_m[0], 0.01)]
     fits = [found for offset_s in near if (found := _fitted(data, float(offset_s), priors)) is not None]
     if not fits:
-        raise no_overlap_error(files.log)
+        raise no_overlap_error(data.log_file)
     # Where log and video hardly overlap, the hand rests in both, and anything fits.
     shares = [float(found.covered.speed_m_s().sum()) for found in fits]
     fits = [found for found, share in zip(fits, shares, strict=True) if share >= LEAST_SHARE * max(shares)]
     fits.sort(key=lambda found: found.residual_m)
     if fits[0].residual_m > LARGEST_RESIDUAL_M:
-        raise diagnose(data, fits[0].residual_m, files.log, files.arm)
+        raise diagnose(data, fits[0].residual_m)
     _refuse_rivals(fits)
     return fits[0]
 
@@ -56,28 +45,19 @@ def best_fit(data: AlignmentData, priors: Priors, files: AlignmentFiles) -> Cand
 def fit_with_events(best: Candidate, rig: Rig, priors: Priors, events: tuple[EventPair, ...]) -> Candidate:
     """Return the fit with events on both clocks added."""
     start_s = best.fit.offset_s() if best.determined else events[0].robot_s - events[0].camera_s
-    fit = fit_clock(ClockProblem.of(rig, best.path, best.covered, start_s, priors, events))
-    return replace(best, fit=fit, residual_m=moving_rms_m(fit.residual, best.covered, fit.outlier))
+    return fitted(ClockProblem.of(rig, best.path, best.covered, start_s, priors, events), best.shape_m)
 
 
 def _fitted(data: AlignmentData, offset_s: float, priors: Priors) -> Candidate | None:
     """Fit from one offset; with any drift, if the expected one does not fit."""
-    rig, rows = data.rig, data.rows
-    covered = data.detections.where(rows.covers(data.detections.time_s + offset_s))
-    if len(covered.time_s) < LEAST_DETECTIONS:
+    problem = data.problem(offset_s, priors)
+    if problem is None:
         return None
-    robot_s = covered.time_s + offset_s
-    path = joint_path(rows.time_s, rows.q_rad, (float(robot_s[0]), float(robot_s[-1])))
-    shape_m = shape_change_m(rig, rows, covered, offset_s, SHIFT_S)
-
-    def fitted(priors: Priors) -> Candidate:
-        fit = fit_clock(ClockProblem.of(rig, path, covered, offset_s, priors))
-        return Candidate(fit, covered, path, moving_rms_m(fit.residual, covered, fit.outlier), shape_m)
-
-    found = fitted(priors)
+    shape_m = shape_change_m(data.rig, data.rows, problem.detections, offset_s, SHIFT_S)
+    found = fitted(problem, shape_m)
     surprise = abs(found.fit.drift - priors.known_drift) > SURPRISE * priors.drift
     if priors.drift < ANY_DRIFT and (surprise or found.residual_m > FREED_FROM_M):
-        freed = fitted(priors.with_drift(ANY_DRIFT))
+        freed = fitted(problem.with_priors(priors.with_drift(ANY_DRIFT)), shape_m)
         if freed.residual_m < FREED_SHARE * found.residual_m or surprise:
             return freed
     return found

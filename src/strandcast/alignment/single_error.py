@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from strandcast.alignment.fine_fit import Candidate, fit_clock, moving_rms_m
+from strandcast.alignment.fine_fit import Candidate, fitted
 from strandcast.alignment.problem import ClockProblem, EventPair, Priors
 from strandcast.rig.model import Rig
 
@@ -34,11 +34,9 @@ def with_single_error(
     for constants in _constants(rig):
         wide = scales.copy()
         wide[constants] *= FREED
-        fit = fit_clock(replace(problem, scales=wide))
-        residual_m = moving_rms_m(fit.residual, best.covered, fit.outlier)
-        candidate = replace(best, fit=fit, residual_m=residual_m)
+        candidate = fitted(replace(problem, scales=wide), best.shape_m)
         left = _deviations(candidate, wide)
-        if residual_m < WORSE_RESIDUAL * best.residual_m and left @ left < least:
+        if candidate.residual_m < WORSE_RESIDUAL * best.residual_m and left @ left < least:
             found, least = candidate, float(left @ left)
     return found
 

@@ -1,7 +1,6 @@
 """Planar forward kinematics: positions of the links and poses of the hand, from the joint angles."""
 
 import math
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -12,8 +11,7 @@ from strandcast.core.pose import Pose
 from strandcast.threads import over_ranges
 
 
-@dataclass(frozen=True, eq=False)
-class PlanarChain:
+class PlanarChain(NamedTuple):
     """The moving joints as a planar chain.
 
     Link j has length ``lengths_m[j]`` and points along the sum over i <= j of
@@ -77,30 +75,7 @@ def hand_pose(chain: PlanarChain, clamp: Clamp, q: np.ndarray) -> Pose:
     return Pose(position_m, angle + clamp.angle_rad)
 
 
-class PlanarLinks(NamedTuple):
-    """Chain and clamp for kernels; see `PlanarChain` for the columns."""
-
-    angles_rad: np.ndarray
-    signs: np.ndarray
-    lengths_m: np.ndarray
-    origin_m: np.ndarray
-    offset_m: np.ndarray
-    clamp_rad: float
-
-
-def planar_links(chain: PlanarChain, clamp: Clamp) -> PlanarLinks:
-    """Return chain and clamp for kernels."""
-    return PlanarLinks(
-        chain.angles_rad,
-        chain.signs.astype(float),
-        chain.lengths_m,
-        np.asarray(chain.origin_m, float),
-        np.asarray(clamp.offset_m, float),
-        clamp.angle_rad,
-    )
-
-
-def link_capsules(q: np.ndarray, links: PlanarLinks, plate_m: np.ndarray) -> np.ndarray:
+def link_capsules(q: np.ndarray, chain: PlanarChain, clamp: Clamp, plate_m: np.ndarray) -> np.ndarray:
     """Return both ends of each link, and of a plate between two places along the string: (..., S, 2, 2) [m].
 
     Parameters
@@ -112,13 +87,21 @@ def link_capsules(q: np.ndarray, links: PlanarLinks, plate_m: np.ndarray) -> np.
     """
     rows = np.ascontiguousarray(q, float).reshape(-1, q.shape[-1])
     ends = np.empty((len(rows), rows.shape[1] + len(plate_m) // 2, 2, 2))
-    over_ranges(len(rows), lambda first, last: _capsules(first, last, rows, links, plate_m, ends))
+    given = rows, chain, np.array(clamp.offset_m), clamp.angle_rad, plate_m
+    over_ranges(len(rows), lambda first, last: _capsules(first, last, *given, ends))
     return ends.reshape(*q.shape[:-1], *ends.shape[1:])
 
 
 @njit(cache=True, nogil=True)
 def _capsules(
-    first: int, last: int, q: np.ndarray, arm: PlanarLinks, plate_m: np.ndarray, ends: np.ndarray
+    first: int,
+    last: int,
+    q: np.ndarray,
+    arm: PlanarChain,
+    offset_m: np.ndarray,
+    clamp_rad: float,
+    plate_m: np.ndarray,
+    ends: np.ndarray,
 ) -> None:
     """Fill both ends (N, S, 2, 2) of the links, and of the plate between two places along the string."""
     joints = q.shape[1]
@@ -130,15 +113,16 @@ def _capsules(
             ends[k, j, 0, 0], ends[k, j, 0, 1] = x, y
             x, y = x + arm.lengths_m[j] * cos, y + arm.lengths_m[j] * sin
             ends[k, j, 1, 0], ends[k, j, 1, 1] = x, y
-        offset_m = arm.offset_m
         x, y = x + offset_m[0] * cos - offset_m[1] * sin, y + offset_m[0] * sin + offset_m[1] * cos
-        angle += arm.clamp_rad
+        angle += clamp_rad
         for end in range(len(plate_m)):
             ends[k, joints, end, 0] = x + plate_m[end] * math.cos(angle)
             ends[k, joints, end, 1] = y + plate_m[end] * math.sin(angle)
 
 
-def hand_poses(q: np.ndarray, zero_rad: np.ndarray, longer_m: np.ndarray, arm: PlanarLinks) -> np.ndarray:
+def hand_poses(
+    q: np.ndarray, zero_rad: np.ndarray, longer_m: np.ndarray, chain: PlanarChain, clamp: Clamp
+) -> np.ndarray:
     """Return the hand's poses (P * K, T, 3) of joint paths (P, T, J) with K strings.
 
     Parameters
@@ -149,7 +133,8 @@ def hand_poses(q: np.ndarray, zero_rad: np.ndarray, longer_m: np.ndarray, arm: P
         (K,) a longer string hangs out further: the hand of the nominal one is further out [m].
     """
     poses = np.empty((len(q) * len(longer_m), q.shape[1], 3))
-    over_ranges(len(poses), lambda first, last: _hand_poses(first, last, q, zero_rad, longer_m, arm, poses))
+    given = q, zero_rad, longer_m, chain, np.array(clamp.offset_m), clamp.angle_rad
+    over_ranges(len(poses), lambda first, last: _hand_poses(first, last, *given, poses))
     return poses
 
 
@@ -160,7 +145,9 @@ def _hand_poses(
     q: np.ndarray,
     zero_rad: np.ndarray,
     longer_m: np.ndarray,
-    arm: PlanarLinks,
+    arm: PlanarChain,
+    offset_m: np.ndarray,
+    clamp_rad: float,
     poses: np.ndarray,
 ) -> None:
     """Fill the poses `first` to `last`; see `hand_poses`."""
@@ -175,9 +162,8 @@ def _hand_poses(
                 angle += arm.angles_rad[j] + arm.signs[j] * (q[p, t, j] + zero_rad[k, j])
                 cos, sin = math.cos(angle), math.sin(angle)
                 x, y = x + arm.lengths_m[j] * cos, y + arm.lengths_m[j] * sin
-            offset_m = arm.offset_m
             x, y = x + offset_m[0] * cos - offset_m[1] * sin, y + offset_m[0] * sin + offset_m[1] * cos
-            angle += arm.clamp_rad
+            angle += clamp_rad
             poses[b, t, 0] = x + longer_m[k] * math.cos(angle)
             poses[b, t, 1] = y + longer_m[k] * math.sin(angle)
             poses[b, t, 2] = angle

@@ -1,4 +1,4 @@
-"""Where a motion exceeds the arm's limits, and its peak values."""
+"""Where a motion exceeds the arm's limits, its peak values, and what cannot be checked."""
 
 from dataclasses import dataclass
 
@@ -121,6 +121,20 @@ def peaks(arm: Arm, motion: JointTrajectory) -> dict[str, np.ndarray]:
         "torque_n_m": np.abs(torques(arm, q, qd, qdd)).max(axis=0),
         "whole_arm": of_arm,
     }
+
+
+def torque_gap(arm: Arm) -> str | None:
+    """Return why torques are not checked, or None if they are."""
+    names = massless(arm.model(), arm.joints)
+    if names:
+        turn = "turns" if len(names) == 1 else "turn"
+        return (
+            f"torque is not checked: {arm.urdf_path.name} gives no mass to what {', '.join(names)} {turn}; "
+            "give it <inertial>, and the arm's file margins.torque"
+        )
+    if not np.isfinite(arm.limits.torque_n_m).all():
+        return f"torque is not checked: {arm.path.name} has no margins.torque"
+    return None
 
 
 def torques(arm: Arm, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray) -> np.ndarray:

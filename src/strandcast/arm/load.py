@@ -32,7 +32,6 @@ from strandcast.arm.kinematics import (
     hand_poses,
     link_angles,
     link_capsules,
-    planar_links,
 )
 from strandcast.arm.servo import Servo
 from strandcast.arm.settings import (
@@ -252,13 +251,13 @@ class PlanarArm(Arm):
 
     def hand_poses(self, q: np.ndarray, zero_rad: np.ndarray, longer_m: np.ndarray) -> np.ndarray:
         """Return the hand's poses (P * K, T, 3), see `Arm.hand_poses`."""
-        return hand_poses(q, zero_rad, longer_m, planar_links(self.chain, self.clamp))
+        return hand_poses(q, zero_rad, longer_m, self.chain, self.clamp)
 
     def capsules(self, q: np.ndarray) -> np.ndarray:
         """Return both ends of each link, and of the plate, (..., S, 2, 2) [m] at angles (..., J) [rad]."""
         along = [marker.place_m[0] for marker in self.markers]
         plate_m = np.array([min(along), max(along)]) if along else np.zeros(0)
-        return link_capsules(q, planar_links(self.chain, self.clamp), plate_m)
+        return link_capsules(q, self.chain, self.clamp, plate_m)
 
     def capsule_radii(self, clearance_m: float) -> np.ndarray:
         """Return (S,) how near to each capsule, the plate's last, the string may come [m]."""

@@ -77,12 +77,10 @@ def import_joints(
     """Import a joint log as joints.csv and run.json of a trial, or of the rehearsal (TRIAL: rehearsal)."""
     from strandcast.imports.joints import Reading
     from strandcast.imports.mapping import JointMapping, load_mapping
-    from strandcast.imports.ros_bags import BagChoice
     from strandcast.stages import import_joints as stage
 
     mapping = None if columns is None else load_mapping(columns, JointMapping)
-    bag = BagChoice(topic, "receive" if receive else "header")
-    reading = Reading(dialect, mapping, bag, degrees, sync_output, rate)
+    reading = Reading(dialect, mapping, topic, "receive" if receive else "header", degrees, sync_output, rate)
     number = None if trial == REHEARSAL else int(trial)
     run = stage.run(ROOT, experiment, number, log, reading, joint or [], replace)
     timing = run.timing

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from strandcast.arm.link_masses import torque_gap
+from strandcast.arm.limits import torque_gap
 from strandcast.arm.load import Arm
 from strandcast.arm.urdf import massless
 from strandcast.executor.checks import box_words

@@ -44,12 +44,10 @@ def _read_parquet_numbers(path: Path) -> NumberTable:
     values, instants = [], set()
     for name, kind in zip(table.column_names, table.schema.types, strict=True):
         column, unit_s = table.column(name), 1.0
-        if pa.types.is_timestamp(kind):
+        if pa.types.is_timestamp(kind) or pa.types.is_duration(kind):
             instants.add(len(kept))
-            column, unit_s = column.cast(pa.timestamp("ns"), safe=False).cast(pa.int64()), 1e-9
-        elif pa.types.is_duration(kind):
-            instants.add(len(kept))
-            column, unit_s = column.cast(pa.duration("ns"), safe=False).cast(pa.int64()), 1e-9
+            in_ns = pa.timestamp("ns") if pa.types.is_timestamp(kind) else pa.duration("ns")
+            column, unit_s = column.cast(in_ns, safe=False).cast(pa.int64()), 1e-9
         elif not (pa.types.is_floating(kind) or pa.types.is_integer(kind) or pa.types.is_decimal(kind)):
             continue
         kept.append(name)

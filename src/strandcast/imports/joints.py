@@ -3,7 +3,7 @@
 import re
 import shlex
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -15,9 +15,9 @@ from strandcast.imports.as_measured import as_measured
 from strandcast.imports.clock import clock_problem
 from strandcast.imports.coverage import coverage_warnings, refuse_partial_motion, timing_warnings
 from strandcast.imports.dialects import recognise
-from strandcast.imports.mapping import ANGLE_UNITS, TIME_UNITS, JointMapping
+from strandcast.imports.mapping import ANGLE_UNITS, TIME_UNITS, JointMapping, JointSource
 from strandcast.imports.motion_start import CLEARLY_LESS, LARGEST_LEFT_RAD, motion_times, played_plan
-from strandcast.imports.ros_bags import BagChoice, is_bag, read_bag, sha256_bag
+from strandcast.imports.ros_bags import Clock, is_bag, read_bag
 from strandcast.imports.table import NumberTable, read_numbers
 from strandcast.records.files import sha256_file
 from strandcast.records.joint_log import AFTER_DUPLICATE, SYNC_HIGH, JointLog, Run, timing_of, write_joint_log
@@ -79,8 +79,9 @@ class Reading:
         ``auto``, ``libfranka``, ``ur_rtde`` or ``ur``; ignored for a bag and with a mapping.
     mapping
         The columns of a log without a known dialect.
-    bag
-        Topic and clock of a ROS bag.
+    topic, clock
+        Of a ROS bag: by default the only topic with joints; the stamp in each message's header, or the time
+        at which the recorder received it.
     degrees
         The angles are in degrees.
     sync_output
@@ -91,23 +92,11 @@ class Reading:
 
     dialect: str = "auto"
     mapping: JointMapping | None = None
-    bag: BagChoice = field(default_factory=BagChoice)
+    topic: str | None = None
+    clock: Clock = "header"
     degrees: bool = False
     sync_output: int | None = None
     rate_hz: float | None = None
-
-
-@dataclass(frozen=True)
-class _Source:
-    """A log's table, the meaning of its columns, and where it comes from."""
-
-    name: str
-    table: NumberTable
-    columns: JointMapping
-    namings: Sequence[list[str]]
-    sha256: str
-    clock: str
-    notes: list[str] = field(default_factory=list)
 
 
 def import_joints(
@@ -248,14 +237,13 @@ def _rehearsal_of_no_motion(folder: Path, plans: Mapping[Path, Motion]) -> Stran
     )
 
 
-def _source(path: Path, reading: Reading, namings: Sequence[list[str]]) -> _Source:
+def _source(path: Path, reading: Reading, namings: Sequence[list[str]]) -> JointSource:
     """Read a bag, or a CSV by its mapping or its dialect."""
     unit: dict[str, object] = {"angle_unit": "deg"} if reading.degrees else {}
     unit |= {"rate_hz": reading.rate_hz} if reading.rate_hz else {}
     if is_bag(path):
-        bag = read_bag(path, reading.bag, namings)
-        columns = bag.mapping.model_copy(update=unit)
-        return _Source("bag", bag.table, columns, [bag.names], sha256_bag(path), bag.clock, bag.notes)
+        bag = read_bag(path, reading.topic, reading.clock, namings)
+        return replace(bag, columns=bag.columns.model_copy(update=unit))
     table = read_numbers(path)
     name, columns = ("mapping", reading.mapping) if reading.mapping else recognise(table, reading.dialect)
     if "angle_unit" not in columns.model_fields_set | unit.keys() and _are_named_degrees(columns):
@@ -266,14 +254,14 @@ def _source(path: Path, reading: Reading, namings: Sequence[list[str]]) -> _Sour
         f"the column {columns.time!r} of the log" if columns.time else f"{columns.rate_hz} rows per second"
     )
     notes = table.notes + ([UNNAMED.format(len(table.names))] if name == "ur" else [])
-    return _Source(name, table, columns, namings, sha256_file(path), clock, notes)
+    return JointSource(name, table, columns, namings, sha256_file(path), clock, notes)
 
 
 def _are_named_degrees(columns: JointMapping) -> bool:
     return all(map(DEGREES.search, (*columns.q, *columns.qd, *columns.q_cmd, *columns.qd_cmd)))
 
 
-def _log_of(source: _Source, sync_output: int | None) -> tuple[np.ndarray, JointLog]:
+def _log_of(source: JointSource, sync_output: int | None) -> tuple[np.ndarray, JointLog]:
     """Return all times (rows,), and the log without doubled rows."""
     table, columns = source.table, source.columns
     time_s = _times(table, columns)

@@ -1,5 +1,7 @@
 """Column mappings: the meaning of each column, from a small TOML or YAML file or from options."""
 
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal, TypeVar
 
@@ -7,6 +9,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from strandcast.config.bounded import BoundError, load_toml, load_yaml, read_bounded
 from strandcast.errors import StrandcastError, StrandcastErrors
+from strandcast.imports.table import NumberTable
 
 TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 ANGLE_UNITS = {"rad": 1.0, "deg": 0.017453292519943295}
@@ -42,6 +45,19 @@ class JointMapping(Mapping):
     angle_unit: AngleUnit = "rad"
     rate_hz: float | None = Field(None, gt=0, le=1e6, description="Nominal rate, if known.")
     outputs: str | None = Field(None, description="Column of the digital outputs, one bit each.")
+
+
+@dataclass(frozen=True)
+class JointSource:
+    """A joint log's table, the meaning of its columns, the joints' names, and where it comes from."""
+
+    name: str
+    table: NumberTable
+    columns: JointMapping
+    namings: Sequence[list[str]]
+    sha256: str
+    clock: str
+    notes: list[str]
 
 
 # Options of other names than the fields that they give.

@@ -11,7 +11,7 @@ from typing import Any, Literal
 import numpy as np
 
 from strandcast.errors import ENVIRONMENT, StrandcastError
-from strandcast.imports.mapping import JointMapping
+from strandcast.imports.mapping import JointMapping, JointSource
 from strandcast.imports.table import NumberTable
 from strandcast.records.files import sha256_file
 from strandcast.records.record import refusal
@@ -21,33 +21,6 @@ JOINT_STATE = "sensor_msgs/msg/JointState"
 CONTROLLER_STATE = "control_msgs/msg/JointTrajectoryControllerState"
 
 Clock = Literal["header", "receive"]
-
-
-@dataclass(frozen=True)
-class BagChoice:
-    """Which data of a bag to read.
-
-    Attributes
-    ----------
-    topic
-        By default the only topic with joints.
-    clock
-        The stamp in each message's header, or the time at which the recorder received it.
-    """
-
-    topic: str | None = None
-    clock: Clock = "header"
-
-
-@dataclass(frozen=True)
-class BagLog:
-    """A bag's joints, in the order of `names`, as a table; a row's line is its message."""
-
-    table: NumberTable
-    mapping: JointMapping
-    names: list[str]
-    clock: str
-    notes: list[str]
 
 
 @dataclass
@@ -67,18 +40,20 @@ def is_bag(path: str | Path) -> bool:
     return path.suffix in SUFFIXES or path.is_dir()
 
 
-def read_bag(path: str | Path, choice: BagChoice, namings: Sequence[list[str]] = ()) -> BagLog:
-    """Read JointState or JointTrajectoryControllerState messages of one topic.
+def read_bag(path: Path, topic: str | None, clock: Clock, namings: Sequence[list[str]]) -> JointSource:
+    """Read JointState or JointTrajectoryControllerState messages of one topic; a row's line is its message.
 
     Parameters
     ----------
     path
         A .bag, .db3 or .mcap file, or a rosbag2 folder.
-    choice
-        Topic and clock.
+    topic
+        By default the only topic with joints.
+    clock
+        The stamp in each message's header, or the time at which the recorder received it.
     namings
         Names that the arm's joints may have, in its order; the longest list that the bag has completely is
-        used (a prefix before each name is allowed). By default all joints, in the first message's order.
+        used (a prefix before each name is allowed). Without any, all joints, in the first message's order.
 
     Raises
     ------
@@ -86,9 +61,8 @@ def read_bag(path: str | Path, choice: BagChoice, namings: Sequence[list[str]] =
         SC-I040 rosbags is not installed; SC-I001 the bag cannot be read; SC-I042 no topic has joints,
         or several do; SC-I006 the arm's joints are not in the bag.
     """
-    path = Path(path)
     with _opened(path) as reader:
-        topic = _topic(path, reader, choice.topic)
+        topic = _topic(path, reader, topic)
         rows = list(_rows(reader, topic))
     there = list(dict.fromkeys(name for row in rows for name in row.q))
     if not there:
@@ -103,14 +77,14 @@ def read_bag(path: str | Path, choice: BagChoice, namings: Sequence[list[str]] =
     if len(whole) < len(rows):
         notes.append(f"{len(rows) - len(whole)} of {len(rows)} messages do not have all joints; left out")
     notes += [f"{alias} of the bag is {name}" for name, alias in found.items() if alias != name]
-    time_s, clock, clock_notes = _times(whole, choice.clock)
-    table, mapping = _table(path, whole, found, time_s)
-    return BagLog(table, mapping, list(found), f"{clock} of {topic}", notes + clock_notes)
+    time_s, words, clock_notes = _times(whole, clock)
+    table, columns = _table(path, whole, found, time_s)
+    of_clock = f"{words} of {topic}", notes + clock_notes
+    return JointSource("bag", table, columns, [list(found)], _sha256(path), *of_clock)
 
 
-def sha256_bag(path: str | Path) -> str:
+def _sha256(path: Path) -> str:
     """Return the SHA-256 of a bag's file, or of the names and hashes of a folder's files."""
-    path = Path(path)
     if path.is_file():
         return sha256_file(path)
     files = sorted(file for file in path.iterdir() if file.is_file())

@@ -9,11 +9,10 @@ import av
 import numpy as np
 
 from strandcast.records.files import atomic_write
+from strandcast.video.small import FULL_RANGE, full_range_frame
 
 # A constant quantiser: rate control at 500 frames/s would remove the sensor's noise.
 ENCODER = {"preset": "ultrafast", "qp": "20", "threads": "1"}
-FULL_RANGE = 2
-NO_COLOUR = 128
 
 
 def write_video(
@@ -45,17 +44,3 @@ def write_video(
                 count += 1
         container.mux(stream.encode(None))
     return count
-
-
-def full_range_frame(grey: np.ndarray, number: int, pixels: str = "yuv420p") -> av.VideoFrame:
-    """Return a colourless frame whose luma is the grey picture (H, W) uint8 unchanged."""
-    frame = av.VideoFrame(grey.shape[1], grey.shape[0], pixels)
-    frame.color_range = FULL_RANGE
-    frame.pts = number
-    luma, *colours = frame.planes
-    padded = np.zeros((luma.height, luma.line_size), np.uint8)
-    padded[:, : grey.shape[1]] = grey
-    luma.update(padded)
-    for plane in colours:
-        plane.update(bytes([NO_COLOUR]) * plane.buffer_size)
-    return frame

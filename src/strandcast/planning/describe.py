@@ -6,8 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from strandcast.arm.limits import peaks, violations
-from strandcast.arm.link_masses import torque_gap
+from strandcast.arm.limits import peaks, torque_gap, violations
 from strandcast.arm.reach import outside_m, reach_of
 from strandcast.core.strings import StringBatch
 from strandcast.core.trajectory import JointTrajectory

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.ndimage import median_filter
@@ -257,7 +257,7 @@ def hand_poses(rig: Rig, detections: Detections, error: RigError) -> Pose:
 
 
 def _with_lengths(rig: Rig, error: RigError) -> PlanarChain:
-    return replace(rig.chain, lengths_m=rig.chain.lengths_m + error.length_m)
+    return rig.chain._replace(lengths_m=rig.chain.lengths_m + error.length_m)
 
 
 def _stretch(error: RigError) -> np.ndarray:

@@ -14,7 +14,6 @@ the trials? All sets that may be wrong are weighed, and those that explain them 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from itertools import combinations
 from typing import NamedTuple
 
@@ -172,7 +171,7 @@ def _hand_m(arm: PlanarArm, q_rad: np.ndarray, value: np.ndarray) -> np.ndarray:
     """Return the hand (F, 2) [m] of an arm that deviates from its file by `value` (p,)."""
     joints = len(arm.joints)
     links, clamp, zeros = np.split(value, [joints - 1, joints + 1])
-    chain = replace(arm.chain, lengths_m=arm.chain.lengths_m + np.append(links, 0.0))
+    chain = arm.chain._replace(lengths_m=arm.chain.lengths_m + np.append(links, 0.0))
     along, across = np.array(arm.clamp.offset_m) + clamp
     held = arm.clamp.model_copy(update={"offset_m": (along, across)})
     return np.asarray(hand_pose(chain, held, q_rad + zeros).position_m)

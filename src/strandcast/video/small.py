@@ -42,9 +42,20 @@ def small_video(
         stream.codec_context.thread_count = 1
         stream.codec_context.options = ENCODER | limit
         for number, grey in enumerate(pictures):
-            colour = np.full((height_px // 2, width_px), NO_COLOUR, np.uint8)
-            frame = av.VideoFrame.from_ndarray(np.concatenate([grey, colour]), format="yuv420p")
-            frame.color_range, frame.pts = FULL_RANGE, number
-            container.mux(stream.encode(frame))
+            container.mux(stream.encode(full_range_frame(grey, number)))
         container.mux(stream.encode(None))
     return out.getvalue()
+
+
+def full_range_frame(grey: np.ndarray, number: int, pixels: str = "yuv420p") -> av.VideoFrame:
+    """Return a colourless frame whose luma is the grey picture (H, W) uint8 unchanged."""
+    frame = av.VideoFrame(grey.shape[1], grey.shape[0], pixels)
+    frame.color_range = FULL_RANGE
+    frame.pts = number
+    luma, *colours = frame.planes
+    padded = np.zeros((luma.height, luma.line_size), np.uint8)
+    padded[:, : grey.shape[1]] = grey
+    luma.update(padded)
+    for plane in colours:
+        plane.update(bytes([NO_COLOUR]) * plane.buffer_size)
+    return frame

@@ -157,7 +157,7 @@ def _check_all(root: Path, name: str, found: Checked) -> None:
 
 
 def _check_arm(context: Context, found: Checked) -> None:
-    from strandcast.arm.link_masses import torque_gap
+    from strandcast.arm.limits import torque_gap
     from strandcast.planning.reachability import refuse_unreachable
     from strandcast.stages.arms import arm_of
     from strandcast.stages.plan_inputs import task_of

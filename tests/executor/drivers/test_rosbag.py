@@ -7,7 +7,6 @@ import pytest
 
 from strandcast.errors import StrandcastError
 from strandcast.imports.joints import Played, Reading, import_joints
-from strandcast.imports.ros_bags import BagChoice
 from strandcast.records.joint_log import read_run
 
 pytest.importorskip("rosbags", reason="rosbags is not installed: make test-drivers")
@@ -128,7 +127,7 @@ def test_the_storage_file_alone_is_enough(tmp_path, suffix):
 
 def test_the_time_of_reception_is_used_on_request_or_without_a_stamp(tmp_path):
     path = write_bag(tmp_path, "mcap", joint_states())
-    run = import_joints(path, tmp_path / "a", Reading(bag=BagChoice(clock="receive")), [ARM])
+    run = import_joints(path, tmp_path / "a", Reading(clock="receive"), [ARM])
     assert run.clock.startswith("time of reception (1.0 ms after the stamp, up to 1.2 ms)")
     assert run.timing.uneven > 90
     assert read_run(tmp_path / "a")[1].time_s[0] == pytest.approx(START_NS * 1e-9 + 0.0008, abs=3e-7)
@@ -148,11 +147,8 @@ def test_a_bag_with_several_topics_asks_which(tmp_path):
     assert "--topic" in refusal.value.fix
     assert not (tmp_path / "trial").exists()
     with pytest.raises(StrandcastError, match="/right has no joints"):
-        import_joints(path, tmp_path / "trial", Reading(bag=BagChoice("/right")), [ARM])
-    assert (
-        import_joints(path, tmp_path / "trial", Reading(bag=BagChoice("/left/joint_states")), [ARM]).rows
-        == 50
-    )
+        import_joints(path, tmp_path / "trial", Reading(topic="/right"), [ARM])
+    assert import_joints(path, tmp_path / "trial", Reading(topic="/left/joint_states"), [ARM]).rows == 50
 
 
 @pytest.mark.parametrize("definition", [SINCE_IRON, BEFORE_IRON])

@@ -11,10 +11,10 @@ import av
 import numpy as np
 
 from strandcast.arm.load import PlanarArm
-from strandcast.lab.video import FULL_RANGE, full_range_frame
 from strandcast.records.camera import Camera
 from strandcast.tracking.hand.finder import HandFinder
 from strandcast.video.reader import open_video
+from strandcast.video.small import FULL_RANGE, full_range_frame
 from strandcast_studies.benchmarks.simulation.timing import Spread, spread
 from strandcast_studies.benchmarks.video.cases import FRAME_RATE_HZ, VideoCase
 from strandcast_studies.benchmarks.video.scenes import SIZE_PX, film_case, shoot
