@@ -119,7 +119,7 @@ class RobustFit(NamedTuple):
 
 
 def fitted(problem: ClockProblem, shape_m: float) -> Candidate:
-    """Return the fit of a problem whose path changes its shape by `shape_m`."""
+    """Return the fit of a problem with a path that changes its shape by `shape_m`."""
     fit = fit_clock(problem)
     residual_m = moving_rms_m(fit.residual, problem.detections, fit.outlier)
     return Candidate(fit, problem.detections, problem.path, residual_m, shape_m)

@@ -48,7 +48,7 @@ def small_video(
 
 
 def full_range_frame(grey: np.ndarray, number: int, pixels: str = "yuv420p") -> av.VideoFrame:
-    """Return a colourless frame whose luma is the grey picture (H, W) uint8 unchanged."""
+    """Return a colourless frame with the grey picture (H, W) uint8 as its luma, unchanged."""
     frame = av.VideoFrame(grey.shape[1], grey.shape[0], pixels)
     frame.color_range = FULL_RANGE
     frame.pts = number

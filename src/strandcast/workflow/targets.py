@@ -86,7 +86,7 @@ def with_files(*names: str, experiments: Iterable[str]) -> dict[str, list[str]]:
 
 @cache
 def supplied_trials() -> dict[str, list[str]]:
-    """Return the trials whose track and alignment were measured elsewhere, by experiment; read once.
+    """Return the trials with a track and an alignment measured elsewhere, by experiment; read once.
 
     Of the lab's captures, that is a pattern of them all: they can be named before they exist.
     """
