@@ -84,14 +84,14 @@ def test_parts_are_held_out_only_if_their_fits_move(monkeypatch):
 
 
 def test_drag_along_the_string_is_fitted_where_it_explains_the_throw_better():
-    """From the string with one drag, where all seeds end alike: 0.34 to 0.36, and 0.78 of its E."""
+    """From the string with one drag, for six seeds: 0.30 to 0.52, and 0.77 to 0.85 of its E."""
     light = known_string()
     light.parameters[:, PARAMETERS.index("C_c2")] = 3.0
     pose = hand_path(1.0)
     noise_m = NOISE_M * np.random.default_rng(3).standard_normal((len(TIME_S), 7, 2))
     points_m = simulated(light.with_values(drag_along=np.array([0.2])), pose) + noise_m
     throw = Throw(TIME_S, points_m, TIME_S, pose, TIME_S < 0.55)
-    few = QUICK.model_copy(update={"evaluations": 1200})
+    few = QUICK.model_copy(update={"evaluations": 4000})
 
     def fitted(settings, previous):
         return estimate_throws([throw], MODEL, LAYOUT, settings, np.random.default_rng(3), previous=previous)

@@ -718,7 +718,8 @@ def hash_file(folder: Path) -> Path:
 def owned(folder: Path) -> Path:
     path = folder / "results" / EXPERIMENT / ".lease-owner.json"
     path.parent.mkdir(parents=True)
-    path.write_text(locks._as_json(locks.Owner(1234, "host", "2026-01-01T00:00:00+00:00", "strandcast run")))
+    owner = locks.Owner(1234, "host", "2026-01-01T00:00:00+00:00", "strandcast run")
+    path.write_text(json.dumps(owner._asdict()))
     return path
 
 
