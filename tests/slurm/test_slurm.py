@@ -30,6 +30,7 @@ PATIENCE_S = 3600.0  # for a run of some minutes on an idle machine; others may 
 # What a user's copy of the profile may say: quick answers, and too little memory for the videos at first.
 PROFILE = """
 set-resources:
+  lab_throw: {mem_mb: 1300}  # as the group asks for `track` otherwise: the calibration runs beside it
   ingest: {mem_mb: 150 * attempt ** 3}
   track: {mem_mb: 150 * attempt ** 3}
   reconstruct: {mem_mb: 150 * attempt ** 3}
