@@ -67,7 +67,8 @@ def limit_no_rate():
         workflow.scheduler.job_rate_limiter = None
 
 
-if STORAGE is None:  # a job of a cluster makes what Snakemake has sent it for, changed or not
+# A job of a cluster makes what Snakemake has sent it for, changed or not.
+if STORAGE is None:
     by_content.decide_by_content(
         reported(by_content.changes)
         if workflow.is_main_process
