@@ -249,13 +249,12 @@ class CableSeries:
         """
         order = np.argsort(np.abs(self.time_s - self.time_s[frame]), kind="stable")
         step_s, span_s = float(np.median(np.diff(self.time_s))), START_S
-        near = None
-        while span_s <= LONGEST_START_S:
+        near = np.sort(order[: max(round(span_s / step_s) + 1, FEWEST_FRAMES)])
+        while (span_s := LONGER * span_s) <= LONGEST_START_S:
             longer = np.sort(order[: max(round(span_s / step_s) + 1, FEWEST_FRAMES)])
-            if near is not None and not self._beside_parabolas_m(longer) < LIKE_NOISE * self._noise_m:
+            if not self._beside_parabolas_m(longer) < LIKE_NOISE * self._noise_m:
                 break
-            near, span_s = longer, LONGER * span_s
-        assert near is not None
+            near = longer
         return near
 
     def _beside_parabolas_m(self, rows: np.ndarray) -> float:
