@@ -12,11 +12,10 @@ import pytest
 from filelock import FileLock
 from tests.faults.small import make_whole
 from tests.report.chromium import Browser, chromium
+from tests.video.here import decode_here, probe_here
 from threadpoolctl import threadpool_limits
 
 from strandcast.arm.load import SpatialArm, clamp_frame, load_arm
-from strandcast.video.ingest import inspect_video
-from strandcast.video.reader import open_video
 
 # Small matrices: more threads only spin, and take the other core's time (the workflow's jobs have one too).
 # What is loaded later, and in other processes, reads the variable; numpy was loaded by the imports above.
@@ -98,9 +97,8 @@ ISOLATED = {
 def decoding(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
     """Decode videos in the tests' own process; commands that tests start do it as always."""
     if request.path.name not in ISOLATED:
-        for function in (open_video.__wrapped__, inspect_video):  # type: ignore[attr-defined]
-            given = tuple(False if value is True else value for value in function.__defaults__)
-            monkeypatch.setattr(function, "__defaults__", given)  # of `isolated`
+        monkeypatch.setattr("strandcast.video.reader.decode_isolated", decode_here)
+        monkeypatch.setattr("strandcast.video.ingest.probe_isolated", probe_here)
 
 
 @pytest.fixture(scope="session")
