@@ -11,7 +11,6 @@ from pydantic.fields import FieldInfo
 from pydantic_core import to_jsonable_python
 
 from strandcast.config.experiment import Experiment
-from strandcast.config.paper import PAPERS
 from strandcast.config.schema import models_in
 
 HEAD = """# Settings of experiment.yaml
@@ -28,7 +27,7 @@ Rows = list[tuple[str, FieldInfo]]
 
 def settings_page() -> str:
     """Return the page of all settings: a list for each group."""
-    return HEAD + "".join(_group(*group) for group in (*groups(Experiment, "", ""), *papers_groups()))
+    return HEAD + "".join(_group(*group) for group in groups(Experiment, "", ""))
 
 
 def fields(model: type[BaseModel] = Experiment, path: str = "") -> Iterator[tuple[str, FieldInfo]]:
@@ -37,12 +36,6 @@ def fields(model: type[BaseModel] = Experiment, path: str = "") -> Iterator[tupl
         yield f"{path}{name}", field
         for section in models_in(field.annotation):
             yield from fields(section, f"{path}{name}.")
-
-
-def papers_groups() -> Iterator[tuple[str, str, Rows]]:
-    """Yield the groups of the settings that nothing but `method: paper` takes."""
-    for name, section in PAPERS.items():
-        yield from groups(section, f"{name}.", cleandoc(section.__doc__ or "").split("\n")[0])
 
 
 def groups(model: type[BaseModel], path: str, what: str) -> Iterator[tuple[str, str, Rows]]:
@@ -69,9 +62,7 @@ def _step(name: str, field: FieldInfo) -> str:
 
 
 def _group(path: str, what: str, rows: Rows) -> str:
-    papers = any(group[0] == path and group[2] == rows for group in papers_groups())
-    title = (path.rstrip(".") or "The experiment") + (" (with `method: paper` alone)" if papers else "")
-    lines = ["", f"## {title}", "", *([what, ""] if what else [])]
+    lines = ["", f"## {path.rstrip('.') or 'The experiment'}", "", *([what, ""] if what else [])]
     return "\n".join([*lines, *(_line(name, field) for name, field in rows)]) + "\n"
 
 

@@ -116,7 +116,7 @@ def test_one_joint_with_a_wrong_zero_is_named_and_no_other(throw, fit):
 def test_drift_beyond_100_ppm_is_flagged(throw, fit):
     trial = throw(4)
     stretched = trial.markers | {"camera_time_s": trial.markers["camera_time_s"] / 1.0003}
-    found = fit(trial, markers=stretched, settings=AlignSettings(drift_prior=2e-3))
+    found = fit(trial, markers=stretched, settings=AlignSettings(drift=(0.0, 2e-3)))
     assert found.drift == pytest.approx(3e-4 + trial.drift, abs=3 * found.drift_se)
     assert any("ppm" in warning for warning in found.warnings)
     assert not any("ppm" in warning for warning in fit(trial).warnings)

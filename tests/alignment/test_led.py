@@ -37,7 +37,7 @@ def switched(trial):
 
 
 def with_led(trial, *switchings, sigma_s=2e-4, latency_s=0.0, latency_sd_s=1e-5, recorded=None):
-    led = LedSettings(x_m=0.0, y_m=0.0, latency_s=latency_s, latency_sd_s=latency_sd_s)
+    led = LedSettings(place_m=(0.0, 0.0), latency_s=(latency_s, latency_sd_s))
     return {
         "led": detected(*switchings, sigma_s=sigma_s),
         "settings": AlignSettings(led=led),

@@ -55,7 +55,7 @@ def test_lab_throws_that_share_a_drift(throw, fit):
     for number, trial in enumerate(trials):
         columns = trial.markers | {"camera_time_s": trial.markers["camera_time_s"] / 1.0003}
         found.append(
-            fit(trial, markers=columns, settings=AlignSettings(drift_prior=1e-3)).model_copy(
+            fit(trial, markers=columns, settings=AlignSettings(drift=(0.0, 1e-3))).model_copy(
                 update={"trial": number}
             )
         )
@@ -71,7 +71,7 @@ def test_the_command_prints_settings(tmp_path, capsys):
     main([str(tmp_path)])
     lines = capsys.readouterr().out.splitlines()
     assert lines[0].startswith("# drift of 2 trials: +")
-    assert lines[-1].split(": ")[0] == "  drift_prior"
+    assert lines[-1].split(": ")[0] == "  drift"
     with pytest.raises(SystemExit, match="SC-W030"):
         main([str(tmp_path / "nothing")])
     with pytest.raises(StrandcastError):

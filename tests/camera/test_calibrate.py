@@ -131,7 +131,7 @@ def truth_of(camera: Camera, lens, looking) -> Camera:
 def test_a_video_of_the_board_gives_lens_plane_and_picture(root, frames, lens, looking):
     folder, results = root / "data" / "own", root / "results" / "own"
     film(folder / "calibration" / "board.avi", frames)
-    text = EXPERIMENT.replace("camera:\n", "camera:\n  lens_video: calibration/board.avi\n")
+    text = EXPERIMENT.replace("camera:\n", "camera:\n  lens: calibration/board.avi\n")
     (folder / "experiment.yaml").write_text(text)
     run_stage("calibrate", root, "own")
     camera = Camera.read(results / "cameras" / "main.json")
@@ -170,7 +170,7 @@ def test_photos_are_read_as_the_sensor_has_them(root, board_seen):
         exif = Image.Exif()
         exif[0x0112] = 3  # upside down
         Image.fromarray(board_seen(view, k)).save(folder / f"lens-{k}.jpg", quality=95, exif=exif)
-    experiment = EXPERIMENT.replace("camera:\n", 'camera:\n  lens_photos: "calibration/lens-*.jpg"\n')
+    experiment = EXPERIMENT.replace("camera:\n", 'camera:\n  lens: "calibration/lens-*.jpg"\n')
     (folder.parent / "experiment.yaml").write_text(experiment)
     run_stage("calibrate", root, "own")
     lens = Camera.read(root / "results" / "own" / "cameras" / "main.json").lens
@@ -190,7 +190,7 @@ def write_lens(path: Path, lens: Lens) -> None:
 def test_a_distance_of_the_string_that_is_not_given_is_asked_for(root, lens):
     folder = root / "data" / "own"
     write_lens(folder / "lens.yaml", lens)
-    given = EXPERIMENT.replace("camera:\n", "camera:\n  lens_file: lens.yaml\n")
+    given = EXPERIMENT.replace("camera:\n", "camera:\n  lens: lens.yaml\n")
     for line, asked in (("", 1), ("  string_offset_m: 0.0\n", 0)):
         (folder / "experiment.yaml").write_text(given.replace("  string_offset_m: 0.02\n", line))
         run_stage("calibrate", root, "own")
@@ -217,7 +217,7 @@ def test_a_legacy_board_white_on_black_in_the_plane_is_recognised_and_the_warnin
     write_lens(folder / "lens.yaml", lens)
     board = "squares_x: 7, squares_y: 4, square_m: 0.035, marker_m: 0.026, dictionary: DICT_5X5_100"
     (folder / "experiment.yaml").write_text(
-        "string: {length_m: 0.1}\ntarget_m: [0.1, 0.1]\ncamera:\n  lens_file: lens.yaml\n"
+        "string: {length_m: 0.1}\ntarget_m: [0.1, 0.1]\ncamera:\n  lens: lens.yaml\n"
         f"  plane: {{board: {{{board}, x_m: 0.0, y_m: 0.0}}}}\n"
     )
     run_stage("calibrate", root, "own")
@@ -259,9 +259,9 @@ def test_missing_files_are_named(root):
     with pytest.raises(StrandcastError, match=r"no photo or video of the lens board; there: plane\.png"):
         run_stage("calibrate", root, "own")
     (root / "data" / "own" / "experiment.yaml").write_text(
-        textwrap.dedent(EXPERIMENT).replace("camera:\n", "camera:\n  lens_video: calibration/board.avi\n")
+        textwrap.dedent(EXPERIMENT).replace("camera:\n", "camera:\n  lens: calibration/board.avi\n")
     )
-    with pytest.raises(StrandcastError, match=r"board\.avi: camera\.lens_video: there is no video"):
+    with pytest.raises(StrandcastError, match=r"board\.avi: camera\.lens: there is no video"):
         run_stage("calibrate", root, "own")
 
 

@@ -304,7 +304,7 @@ def test_photos_that_do_not_determine_the_focal_length_are_refused(photos):
     with pytest.raises(StrandcastError, match="6 usable board photos show 2 distinct poses") as caught:
         calibrate_lens(repeats, BOARD)
     assert caught.value.code == "SC-C013"
-    assert "camera.lens_file" in caught.value.fix
+    assert "camera.lens" in caught.value.fix
     moved = [(f"{k}.png", np.roll(photos[0][1], (0, 40 * k), (0, 1))) for k in range(-2, 3)]
     with pytest.raises(StrandcastError, match=r"differ by \d\.\d degrees; at least 3") as caught:
         calibrate_lens(moved, BOARD, "none")

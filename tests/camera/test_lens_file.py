@@ -232,7 +232,7 @@ def test_a_known_lens_needs_no_board(tmp_path, project_root) -> None:
             write_opencv(folder / "calibration" / "camera.yml", matrix, distortion, size)
             shutil.copy(tmp_path / "data" / "lab" / "calibration" / "plane.png", folder / "calibration")
             settings.pop("lab")
-            settings["camera"]["lens_file"] = "calibration/camera.yml"
+            settings["camera"]["lens"] = "calibration/camera.yml"
         with (folder / "experiment.yaml").open("w") as file:
             YAML().dump(settings, file)
         for stage in stages:

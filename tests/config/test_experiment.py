@@ -95,13 +95,6 @@ def test_the_objective_is_a_point_a_segment_a_shape_or_a_swing(tmp_path):
     assert "'segment'" in wrong.fix
 
 
-def test_readings_of_the_papers_planner_are_named(tmp_path):
-    plan = load(tmp_path, GOOD + "method: paper\nplan: {paper: {altered_from: walking}}\n").plan
-    assert (plan.paper.altered_from, plan.paper.accept, plan.paper.ends) == ("walking", "first_hit", "ramp")
-    (wrong,) = problems(tmp_path, GOOD + "method: paper\nplan: {paper: {accept: frist_hit}}\n")
-    assert (wrong.field, wrong.fix) == ("plan.paper.accept", "did you mean 'first_hit'?")
-
-
 def test_all_problems_are_reported_at_once_with_their_lines(tmp_path):
     found = problems(
         tmp_path,

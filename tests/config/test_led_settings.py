@@ -24,12 +24,12 @@ def load(tmp_path):
 
 def test_an_led_has_a_position_or_a_box(load):
     assert load("").align.led is None
-    assert load("align: {led: {x_m: 0.1, y_m: 0.2}}").align.led.radius_m == 0.01
+    assert load("align: {led: {place_m: [0.1, 0.2]}}").align.led.radius_m == 0.01
     assert load("align: {led: {box_px: [1, 2, 9, 8]}}").align.led.box_px == (1, 2, 9, 8)
 
 
 @pytest.mark.parametrize(
-    "led", ["{x_m: 0.1}", "{}", "{x_m: 0.1, y_m: 0.2, box_px: [1, 2, 9, 8]}", "{box_px: [9, 2, 1, 8]}"]
+    "led", ["{place_m: [0.1]}", "{}", "{place_m: [0.1, 0.2], box_px: [1, 2, 9, 8]}", "{box_px: [9, 2, 1, 8]}"]
 )
 def test_an_led_with_neither_or_both_is_refused(load, led):
     with pytest.raises(StrandcastErrors, match=r"align\.led"):
@@ -38,7 +38,7 @@ def test_an_led_with_neither_or_both_is_refused(load, led):
 
 def test_a_moved_led_changes_tracking_and_another_latency_does_not(load, tmp_path):
     one, moved, later = (
-        load(f"align: {{led: {{x_m: {x}, y_m: 0.2, latency_s: {late}}}}}")
+        load(f"align: {{led: {{place_m: [{x}, 0.2], latency_s: {late}}}}}")
         for x, late in ((0.1, 0.0), (0.2, 0.0), (0.1, 0.001))
     )
     jobs = [

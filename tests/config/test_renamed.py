@@ -8,7 +8,7 @@ from ruamel.yaml import YAML
 from strandcast.config.estimate import EstimateSettings
 from strandcast.config.fix import fix_names
 from strandcast.config.load import load_experiment
-from strandcast.config.renamed import RENAMED, Renamed, with_new_names
+from strandcast.config.renamed import MERGED, RENAMED, Renamed, with_new_names
 from strandcast.errors import StrandcastError
 from strandcast_studies.settings_page import fields
 
@@ -55,12 +55,29 @@ def test_new_names_pass_in_silence():
     assert dict(data["plan"]) == {"ensemble": 4}
 
 
-@pytest.mark.parametrize("cameras", ["camera: {scale: arc}", "cameras: {left: {scale: arc}}"])
+@pytest.mark.parametrize("cameras", ["camera: {lens_file: a.yaml}", "cameras: {left: {lens_file: a.yaml}}"])
 def test_a_setting_of_every_camera_is_translated(cameras):
     data = loaded(cameras + "\n")
     (line,) = with_new_names(data, Path("e.yaml"))
-    assert line.what.startswith("cameras.*.scale: arc was dropped; tracker is used")
-    assert "tracker" in str(data)
+    assert line.what.startswith("cameras.*.lens_file is now called cameras.*.lens;")
+    assert "'lens': 'a.yaml'" in str(data)
+
+
+def test_settings_that_became_one_are_read_and_refused_twice(tmp_path, caplog):
+    file = tmp_path / "e.yaml"
+    file.write_text(
+        HEAD + "align:\n  drift_prior: 1.0e-4\n  led: {x_m: 0.1, y_m: 0.2, latency_sd_s: 1.0e-3}\n"
+    )
+    align = load_experiment(file).align
+    assert align.drift == (0.0, 1e-4)
+    assert (align.led.place_m, align.led.latency_s) == ((0.1, 0.2), (0.0, 1e-3))
+    assert (
+        f"e.yaml:{len(HEAD.splitlines()) + 2}: align.drift_prior is now align.drift: [0.0, 0.0001]"
+        in caplog.text
+    )
+    file.write_text(HEAD + "align: {drift: [0.0, 1.0e-4], known_drift: 1.0e-5}\n")
+    with pytest.raises(StrandcastError, match=r"SC-F003.*align\.known_drift"):
+        load_experiment(file)
 
 
 def test_both_names_are_refused():
@@ -72,7 +89,9 @@ def test_both_names_are_refused():
 
 def test_renamed_settings_exist_under_the_new_name_only():
     known = {path for path, _ in fields()}
-    given_up = {change.old for change in RENAMED if change.new != change.old}
+    given_up = {change.old.replace(".*", "") for change in RENAMED if change.new != change.old}
+    of_one = [(each, name) for each in MERGED for name in each.old if name != each.new]
+    given_up |= {f"{each.section.replace('.*', '')}.{name}" for each, name in of_one}
     assert not given_up & known
     assert {change.new.replace(".*", "") for change in RENAMED if change.new} <= known
 
@@ -85,22 +104,26 @@ def test_the_papers_search_is_its_method(tmp_path, caplog):
     settings = load_experiment(file)
     line = len(HEAD.splitlines())
     assert f"old.yaml:{line + 2}: estimate.search: paper is now method: paper" in caplog.text
-    assert (settings.method, settings.plan.planner, settings.plan.use_servo) == ("paper", "paper", True)
+    assert (settings.method, settings.plan.planner) == ("paper", "paper")
     given = settings.estimate
-    assert (given.search, given.ranges, given.reading, given.evaluations) == ("paper", "paper", "sign", 900)
+    assert (given.search, given.ranges, given.evaluation, given.evaluations) == (
+        "paper",
+        "paper",
+        "hand",
+        900,
+    )
 
 
-def test_settings_of_the_paper_have_no_effect_without_its_method(tmp_path, caplog):
+def test_readings_of_the_papers_method_are_fixed(tmp_path, caplog):
     file = tmp_path / "e.yaml"
-    file.write_text(HEAD + "estimate: {free_end: false, paper: {beta: 0.9}}\nplan: {planner: ensemble}\n")
+    file.write_text(HEAD + "estimate: {free_end: false, paper: {beta: 0.9}}\nplan: {use_servo: true}\n")
     settings = load_experiment(file)
     assert settings.estimate == EstimateSettings()
-    assert [
-        name in caplog.text for name in ("estimate.free_end was", "estimate.paper was", "plan.planner was")
-    ]
+    for name in ("estimate.free_end was", "estimate.paper was", "plan.use_servo was"):
+        assert name in caplog.text
     assert len(caplog.records) == 3
-    file.write_text(HEAD + "method: paper\nestimate: {free_end: true}\n")
-    assert load_experiment(file).estimate.free_end
+    file.write_text(HEAD + "method: paper\n")
+    assert not load_experiment(file).estimate.free_end
 
 
 @pytest.mark.parametrize(
@@ -112,7 +135,7 @@ def test_settings_of_the_paper_have_no_effect_without_its_method(tmp_path, caplo
         ),
         ("estimate:\n  integrator: euler\nseed: 3\n", "estimate:\n  {}\nseed: 3\n"),
         (
-            "plan: {planner: ensemble, finer: false, carry_residual: true}\n",
+            "plan: {use_servo: true, finer: false, carry_residual: true}\n",
             "plan: {}\n",
         ),
         (
@@ -121,10 +144,18 @@ def test_settings_of_the_paper_have_no_effect_without_its_method(tmp_path, caplo
         ),
         ("plan:\n  scatter:\n    sway_rad: 0.1\n  ensemble: 4\n", "plan:\n  ensemble: 4\n"),
         ("estimate: {paper: {beta: 0.9}, free_end: false}\n", "estimate: {}\n"),
-        ("camera: {scale: arc, exposure_s: 0.001}\n", "camera: {scale: tracker, exposure_s: 0.001}\n"),
+        ("camera: {scale: arc, exposure_s: 0.001}\n", "camera: {exposure_s: 0.001}\n"),
+        (
+            "camera:\n  string_offset_sd_m: 0.002  # by eye\n  lens_video: calibration/board.mp4\n",
+            "camera:\n  string_offset_m: [0.0, 0.002]  # by eye\n  lens: calibration/board.mp4\n",
+        ),
+        (
+            "align:\n  led: {x_m: 0.1, radius_m: 0.02, y_m: 0.2}\n",
+            "align:\n  led: {place_m: [0.1, 0.2], radius_m: 0.02}\n",
+        ),
         (
             "estimate: {search: paper, reading: sign}\nplan:\n  planner: paper\n",
-            "estimate: {reading: sign}\nplan:\n  {}\n",
+            "estimate: {}\nplan:\n  {}\n",
         ),
         (
             "estimate: {evaluations: 900, drag_along: false, friction_stick: true}\n",

@@ -6,9 +6,8 @@ import pytest
 
 from strandcast.config.camera import Board
 from strandcast.config.experiment import Experiment
-from strandcast.config.paper import PAPERS
 from strandcast.config.string import String
-from strandcast_studies.settings_page import allowed, fields, groups, is_group, papers_groups, settings_page
+from strandcast_studies.settings_page import allowed, fields, groups, is_group, settings_page
 
 ADVICE = re.compile(r"(^|[.;:] )(Set|Give|Raise|Lower|Change|Use|Leave|Measure)\b")
 ADVICE_FOR_ALL = re.compile(r"(^|[.;:] )(Set|Change) them\b")  # of a group, for its settings
@@ -22,8 +21,7 @@ def test_the_page_is_current(project_root):
 
 
 def test_the_page_has_every_setting():
-    every = (*groups(Experiment, "", ""), *papers_groups())
-    rows = [f"{path}{name}" for path, _, settings in every for name, _ in settings]
+    rows = [f"{path}{name}" for path, _, settings in groups(Experiment, "", "") for name, _ in settings]
     plain = sorted(re.sub(r"\[\]|\.NAME| \(\w+\)", "", row) for row in rows)
     inherited = {f"cameras.plane.board.{name}" for name in Board.model_fields}  # named in the group's text
     assert plain == sorted(path for path, field in fields() if not is_group(field) and path not in inherited)
@@ -31,14 +29,11 @@ def test_the_page_has_every_setting():
 
 def test_every_setting_says_what_it_does_and_one_with_a_default_when_to_change_it():
     assert [path for path, field in fields() if len(field.description or "") < 12] == []
-    papers = {f"{name}.{field}" for name, section in PAPERS.items() for field in section.model_fields}
-    advised = papers | {path for path, field in fields() if ADVICE_FOR_ALL.search(field.description or "")}
+    advised = {path for path, field in fields() if ADVICE_FOR_ALL.search(field.description or "")}
     optional = [
         (path, field)
         for path, field in fields()
-        if not (
-            field.is_required() or is_group(field) or path.rpartition(".")[0] in advised or path in papers
-        )
+        if not (field.is_required() or is_group(field) or path.rpartition(".")[0] in advised)
     ]
     assert [path for path, field in optional if not ADVICE.search(field.description or "")] == []
 
@@ -53,7 +48,7 @@ def test_every_setting_says_what_it_does_and_one_with_a_default_when_to_change_i
         ("objective.ends_m", "[[x, x], [x, x]]"),
         ("track.polarity", "`auto`, `bright`, `dark`"),
         ("estimate.ranges", "`wide`, `paper` or by name: [x, x]"),
-        ("estimate.free_end", ""),
+        ("estimate.profiles", ""),
         ("held_out", "list of n"),
     ],
 )

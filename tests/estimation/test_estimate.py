@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from strandcast.config.estimate import EstimateSettings
-from strandcast.config.paper import PaperSearch
 from strandcast.core.strings import DRAG_ALONG, PARAMETERS, REST_CURL, StringBatch
 from strandcast.dynamics.parameters import RANGES
 from strandcast.errors import StrandcastError
@@ -200,8 +199,7 @@ def test_paper_search_runs_within_table_2():
 
 
 def test_the_papers_search_stays_the_closer_to_the_fit_before_the_more_throws_there_were(fit):
-    paper = PaperSearch(centre="fixed")
-    settings = EstimateSettings(search="paper", evaluations=160, profiles=False, trials="latest", paper=paper)
+    settings = EstimateSettings(search="paper", evaluations=160, profiles=False, trials="latest")
     random, before = np.random.default_rng, fit.best
     near, far = (
         estimate_throws(

@@ -36,7 +36,7 @@ estimate: {evaluations: 100, ensemble: 2, profiles: false}
 plan: {screening: 16, evaluations: 16, ensemble: 1}
 lab:
   noise: 0.5
-  camera: {width_px: 640, height_px: 360, frame_rate_hz: 100}
+  camera: {size_px: [640, 360], frame_rate_hz: 100}
 """
 WATCH = PROJECT / "tests" / "workflow" / "watch"  # notes the files that stages open in a list
 OPENED = "opened.txt"

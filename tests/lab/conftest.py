@@ -48,7 +48,7 @@ def write_motion(path: Path, arm: PlanarArm, command: JointTrajectory) -> Path:
 def make_experiment(**lab: object) -> Experiment:
     places = [(-0.25, 0.75), (0.3, 0.76), (0.85, 0.75), (-0.25, -0.4), (0.3, -0.42), (0.85, -0.4)]
     markers = [{"id": k, "x_m": x, "y_m": y} for k, (x, y) in enumerate(places)]
-    camera = {"width_px": 800, "height_px": 640, "frame_rate_hz": 250.0}
+    camera = {"size_px": (800, 640), "frame_rate_hz": 250.0}
     return Experiment.model_validate(
         {
             "string": {"length_m": 0.3},

@@ -23,7 +23,7 @@ from .conftest import make_experiment, swing_command
 from .test_swing import QUIET
 
 PLACE_M = (0.60, 0.76)
-SMALL = {"width_px": 400, "height_px": 320, "frame_rate_hz": 100.0, "exposure_s": 4e-3}
+SMALL = {"size_px": (400, 320), "frame_rate_hz": 100.0, "exposure_s": 4e-3}
 
 
 def with_led(place_m: tuple[float, float] = PLACE_M, led: bool = True) -> Experiment:

@@ -19,7 +19,7 @@ from strandcast.records.tables import read_facts, read_table
 
 from .conftest import Thrown, make_experiment, swing_command, write_motion
 
-SMALL = {"width_px": 400, "height_px": 320, "frame_rate_hz": 100.0}
+SMALL = {"size_px": (400, 320), "frame_rate_hz": 100.0}
 
 
 def test_a_throw_writes_the_files_of_a_real_rig(thrown: Thrown) -> None:

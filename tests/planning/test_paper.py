@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from strandcast.arm.limits import violations
-from strandcast.config.paper import PaperReading
 from strandcast.config.plan import PlanSettings
 from strandcast.core.strings import StringBatch
 from strandcast.errors import StrandcastError
@@ -18,7 +17,7 @@ from strandcast.planning.rollouts import RolloutConditions, rollouts_of_curves
 from strandcast.planning.search import SearchInputs
 from strandcast.planning.task import PlanningTask
 
-SETTINGS = PlanSettings(planner="paper", duration_s=(0.2, 1.2), screening=256, use_servo=False)
+SETTINGS = PlanSettings(planner="paper", duration_s=(0.2, 1.2), screening=256)
 PRIOR = CurvePrior("paper", (0.2, 1.2), 6, 60.0)
 
 
@@ -54,11 +53,6 @@ def test_it_stops_at_the_first_simulated_hit(task: PlanningTask, strings: String
     assert before[number] <= 0.08
     assert found.simulations == number + 1
     np.testing.assert_array_equal(found.curve.heights_rad_s, draws[number].heights_rad_s)
-    # It is not the nearest of the batch: that is the other reading.
-    best = PaperReading(accept="best")
-    nearest = first_by_paper(given(wide, strings, 7, screening=32, paper=best))
-    assert nearest.simulations == 32
-    np.testing.assert_array_equal(nearest.curve.heights_rad_s, draws[int(np.argmin(before))].heights_rad_s)
 
 
 def test_the_nearest_is_thrown_at_the_end_of_the_budget(task: PlanningTask, strings: StringBatch) -> None:
@@ -96,26 +90,22 @@ def test_later_motions_keep_posture_and_time_and_change_by_at_most_half_a_radian
     assert violations(task.arm, motion) == []
 
 
-def test_walking_goes_further_than_half_a_radian_and_nearer(
-    task: PlanningTask, strings: StringBatch, first: Curve
-) -> None:
-    away = replace(task, target_m=task.target_m + np.array([0.15, -0.2]), hit_radius_m=1e-9)
-    literal = later_by_paper(given(away, strings, 5, screening=320), first)
-    walks = PaperReading(altered_from="walking")
-    walked = later_by_paper(given(away, strings, 5, screening=320, paper=walks), first)
-    assert np.abs(literal.curve.heights_rad_s - first.heights_rad_s).max() <= 0.5
-    assert np.abs(walked.curve.heights_rad_s - first.heights_rad_s).max() > 0.6
-    np.testing.assert_array_equal(walked.curve.q0_rad, first.q0_rad)
-    near = misses(away, strings, [literal.curve, walked.curve])
-    assert near[1] < near[0]
-
-
-def test_the_reading_at_rest_needs_no_ramp(task: PlanningTask, strings: StringBatch) -> None:
-    never, rest = replace(task, hit_radius_m=1e-9), PaperReading(ends="rest")
-    found = first_by_paper(given(never, strings, 1, screening=16, paper=rest))
+def test_an_arm_with_a_limited_jerk_needs_no_ramp(task: PlanningTask, strings: StringBatch) -> None:
+    smooth = replace(task.arm.limits, jerk_rad_s3=np.full(3, 5e3))
+    never = replace(task, hit_radius_m=1e-9, arm=replace(task.arm, limits=smooth))
+    found = first_by_paper(given(never, strings, 1, screening=16))
     assert found.curve.ramp_s == 0.0
-    later = later_by_paper(given(never, strings, 2, screening=16, paper=rest), found.curve)
+    later = later_by_paper(given(never, strings, 2, screening=16), found.curve)
     np.testing.assert_array_equal(later.curve.heights_rad_s[:, [0, 1, -2, -1]], 0.0)
+
+
+def test_an_arm_that_cannot_follow_the_papers_slopes_gets_smaller_ones(
+    task: PlanningTask, strings: StringBatch
+) -> None:
+    weak = replace(task.arm.limits, acceleration_rad_s2=np.full(3, 12.0))
+    never = replace(task, hit_radius_m=1e-9, arm=replace(task.arm, limits=weak))
+    found = first_by_paper(given(never, strings, 1, screening=4))
+    assert violations(never.arm, sample(found.curve, task.step_s)) == []
 
 
 def test_an_error_where_no_alteration_keeps_the_limits(

@@ -317,10 +317,10 @@ def test_a_prediction_that_failed_widens_the_next_one(
     close = replace(task, target_m=trial.tip_m[np.nanargmax(trial.tip_m[:, 1])])
     known = replace(trial, miss_m=0.0)
 
-    commanded = SMALL.model_copy(update={"use_servo": False})  # nothing has to be identified
+    monkeypatch.setattr(plan_module, "fitted_servo", lambda *_: None)  # nothing has to be identified
 
     def plan(*trials: PastTrial) -> PlannedMotion:
-        return plan_next(close, strings, list(trials), commanded, np.random.default_rng(2))
+        return plan_next(close, strings, list(trials), SMALL, np.random.default_rng(2))
 
     alone = plan(known)
     held, failed = (replace(known, trial=2, miss_m=0.004, stated_m=stated_m) for stated_m in (0.004, 0.0004))
@@ -394,7 +394,7 @@ def test_a_motion_from_nothing_is_taken_where_those_near_the_trial_miss(
 
 
 def test_the_papers_planner_by_name(task: PlanningTask, strings: StringBatch, unknown: StringBatch) -> None:
-    settings = PlanSettings(planner="paper", duration_s=(0.2, 1.2), screening=256, use_servo=False)
+    settings = PlanSettings(planner="paper", duration_s=(0.2, 1.2), screening=256)
     plan = plan_first(task, strings, settings, np.random.default_rng(4))
     assert plan.miss_m <= 0.02
     assert plan.planner == "paper"

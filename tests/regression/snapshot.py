@@ -40,7 +40,7 @@ BAR = {
     "workspace_m": {"x_m": [-0.95, 1.45], "y_m": [-0.55, 0.95]},
     "estimate": {"forces": ["rest_curl", "drag_along", "stiff_bend"], "evaluations": 2000},
     "plan": {"screening": 300, "evaluations": 600},
-    "align": {"led": {"x_m": -0.60, "y_m": 0.40}},
+    "align": {"led": {"place_m": [-0.60, 0.40]}},
     "lab": {"string": "paper-4", "led": True, "servo": "stiff"},
 }
 SWING = {
@@ -54,8 +54,8 @@ SWING = {
     "seed": 12,
     "start_string": "minima",
     "workspace_m": {"x_m": [-0.85, 1.35], "y_m": [-0.45, 0.90]},
-    "estimate": {"search": "descent", "evaluations": 1500, "clamp_offset": True, "reading": "sign"},
-    "plan": {"planner": "ensemble", "screening": 300, "evaluations": 600, "ensemble": 6},
+    "estimate": {"search": "descent", "evaluations": 1500, "clamp_offset": True},
+    "plan": {"screening": 300, "evaluations": 600, "ensemble": 6},
     "lab": {"string": {"linear_density_kg_m": 0.006, "curl_rad_m": 1.0}, "servo": "pd"},
 }
 CAPTURE = {

@@ -76,7 +76,7 @@ def aligned(root, more):
 
 def test_the_led_is_used_with_its_delay_unless_it_is_not_wanted(root):
     assert aligned(root, "").sync_events == []
-    delayed = aligned(root, "align: {led: {x_m: 0.1, y_m: 0.2, latency_s: 0.003, latency_sd_s: 2.0e-4}}")
+    delayed = aligned(root, "align: {led: {place_m: [0.1, 0.2], latency_s: [0.003, 2.0e-4]}}")
     assert [(check.kind, check.used) for check in delayed.sync_events] == [
         ("led_on", True),
         ("led_off", True),
@@ -84,5 +84,5 @@ def test_the_led_is_used_with_its_delay_unless_it_is_not_wanted(root):
     assert max(abs(check.difference_s) for check in delayed.sync_events) < 5e-4
     # As it enters the fit: two switchings of one delay.
     assert delayed.sync_events[0].sigma_s == pytest.approx(2**0.5 * (5e-4**2 + 2e-4**2) ** 0.5, rel=0.01)
-    denied = aligned(root, "align: {led: {x_m: 0.1, y_m: 0.2, latency_sd_s: 1.0e-5}}")
+    denied = aligned(root, "align: {led: {place_m: [0.1, 0.2], latency_s: [0.0, 1.0e-5]}}")
     assert any("SC-A023" in warning for warning in denied.warnings)

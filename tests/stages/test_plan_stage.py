@@ -301,16 +301,12 @@ def test_the_papers_planner_has_the_papers_times_and_commanded_angles(root: Path
     assert motion.bezier is not None
     assert motion.bezier.stop_ramp_from_s == motion.bezier.duration_s
     settings = context_of(root, "paper").settings.plan
-    assert (settings.duration_range_s, settings.plans_with_servo) == ((0.2, 1.2), False)
-    assert (settings.paper.altered_from, settings.paper.altered_rad_s) == ("executed", 0.5)
-    write(
-        root, "paper", text.replace("}", ", duration_s: [0.4, 0.5], use_servo: true, paper: {accept: best}}")
-    )
-    given = context_of(root, "paper").settings.plan
-    assert (given.duration_range_s, given.plans_with_servo, given.paper.accept) == ((0.4, 0.5), True, "best")
+    assert (settings.planner, settings.duration_s) == ("paper", (0.2, 1.2))
+    write(root, "paper", text.replace("}", ", duration_s: [0.4, 0.5]}"))
+    assert context_of(root, "paper").settings.plan.duration_s == (0.4, 0.5)
     write(root, "paper", "target_m: [0.5, 0.5]\n")
     ours = context_of(root, "paper").settings.plan
-    assert (ours.duration_range_s, ours.plans_with_servo) == ((0.35, 0.9), True)
+    assert (ours.planner, ours.duration_s) == ("ensemble", (0.35, 0.9))
 
 
 SHAPE = "objective: {kind: shape, places: [{along_m: 0.3, at_m: [0.9, 0.1]}]}\n"
@@ -346,11 +342,6 @@ def test_planner_and_scorer_get_the_objective_of_the_experiment(
     ("text", "words"),
     [
         ("target_m: [1.5, 0.5]\n", "experiment.yaml: target_m: the target is 1.581 m from"),
-        (
-            "target_m: [0.6, 0.5]\narm: fr3-example\nmethod: paper\nplan: {screening: 8}\n",
-            "experiment.yaml: plan: only 0 random motions by eq. 1 kept the arm's limits, 8 are wanted\n"
-            "        Fix: set plan.paper.ends to rest",
-        ),
     ],
 )
 def test_a_plan_that_cannot_be_made_names_file_field_and_fix(root: Path, text: str, words: str) -> None:

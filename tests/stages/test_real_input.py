@@ -33,7 +33,7 @@ def test_the_pendulum_video_gives_its_period(root, real_data):
     folder = experiment(
         root,
         "pendulum",
-        "string: {length_m: 0.62}\ntarget_m: [0, 0]\ncamera: {scale: tracker}\ntrack: {tracker: pendulum}\n",
+        "string: {length_m: 0.62}\ntarget_m: [0, 0]\ntrack: {tracker: pendulum}\n",
     )
     (folder / "trial-01").mkdir()
     shutil.copy(

@@ -140,7 +140,7 @@ def test_the_labs_experiment_of_the_how_to_is_right(root: Path, project_root: Pa
         ("lab: {led: true}", "lab.led"),
         ("camera: {frame_rate_hz: 200}", "camera"),
         ("track: {polarity: dark}", "track"),
-        ("align: {led: {x_m: 0.1, y_m: 0.1}}", "align"),
+        ("align: {led: {place_m: [0.1, 0.1]}}", "align"),
     ],
 )
 def test_what_videos_need_is_refused_with_a_target_in_space(root: Path, settings: str, field: str) -> None:

@@ -221,11 +221,11 @@ def test_a_contradiction_between_frames_is_no_switching(film, look):
 
 def test_the_window_is_around_the_place_and_must_be_in_the_picture(scene):
     camera = scene.flat_camera(WIDTH, HEIGHT)
-    left, top, right, bottom = LedMonitor(LedSettings(x_m=0.015, y_m=0.0, radius_m=0.006), camera).window
+    left, top, right, bottom = LedMonitor(LedSettings(place_m=(0.015, 0.0), radius_m=0.006), camera).window
     assert ((left + right - 1) / 2, (top + bottom - 1) / 2) == pytest.approx((57.5, 31.5), abs=0.6)
     assert 9 <= right - left <= 11
     with pytest.raises(StrandcastError, match="SC-T033"):
-        LedMonitor(LedSettings(x_m=0.5, y_m=0.0), camera)
+        LedMonitor(LedSettings(place_m=(0.5, 0.0)), camera)
     with pytest.raises(StrandcastError, match="SC-T033"):
         LedMonitor(LedSettings(box_px=(90, 10, 97, 20)), camera)
 
@@ -244,7 +244,7 @@ def test_the_led_is_detected_in_the_pass_that_tracks_the_string(scene, filmed, t
             pictures.append(np.clip(np.rint(picture), 0, 255).astype(np.uint8))
     path = tmp_path / "led.mkv"
     scene.write_video(path, pictures, scene.RATE_HZ)
-    led = LedSettings(x_m=place_m[0], y_m=place_m[1])
+    led = LedSettings(place_m=(place_m[0], place_m[1]))
     tracked = scene.track(path, exposure_s=scene.EXPOSURE_S, led=led)
     off, sigma = errors(tracked.led, (on_s, off_s))
     assert (np.abs(off) < np.sqrt(3) * sigma).all()

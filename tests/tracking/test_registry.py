@@ -68,7 +68,7 @@ def test_an_unknown_tracker_is_refused_with_the_known_ones():
     [
         ({"polarity": "dark", "contrast_grey": 30.0}, {}, "track.polarity, track.contrast_grey"),
         ({"background_picture": "empty.png"}, {}, "track.background_picture"),
-        ({}, {"led": LedSettings(x_m=0.1, y_m=0.2), "exposure_s": 1e-3}, "camera.exposure_s, align.led"),
+        ({}, {"led": LedSettings(place_m=(0.1, 0.2)), "exposure_s": 1e-3}, "camera.exposure_s, align.led"),
     ],
 )
 def test_the_installed_pendulum_refuses_settings_that_it_ignores(scene, filmed, settings, changes, named):

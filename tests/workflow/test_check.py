@@ -125,7 +125,7 @@ def recorded(root: Path, finished: Path) -> Path:
     ("name", "code", "field"),
     [
         ("calibration/plane.png", "SC-C031", "camera.plane_photo"),
-        ("calibration/lens-*.png", "SC-C030", "camera.lens_photos"),
+        ("calibration/lens-*.png", "SC-C030", "camera.lens"),
         ("calibration/empty.png", "SC-T030", "track.background_picture"),
         ("trial-01/joints.csv", "SC-V020", None),
     ],

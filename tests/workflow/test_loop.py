@@ -349,7 +349,7 @@ def test_nothing_runs_again_without_a_change(thrown):
 def test_a_changed_setting_runs_only_what_depends_on_it(thrown):
     search = dry(thrown, ("evaluations: 100", "evaluations: 150"))
     assert search == {"estimate", "plan", "report_trial", "report_experiment"}
-    clocks = dry(thrown, ("plan:", "align: {drift_prior: 1.0e-4}\nplan:"))
+    clocks = dry(thrown, ("plan:", "align: {drift: [0.0, 1.0e-4]}\nplan:"))
     assert {"align", "score_lab"} <= clocks
     assert not clocks & {"lab_calibrate", "calibrate", "ingest", "track", "lab_throw"}
     title = dry(thrown, ("A small throw", "Another title"))
@@ -447,7 +447,7 @@ AFTER_TRACK = AFTER_ALIGN | {"track", "reconstruct", "clip"}
         ("evaluations: 100", "evaluations: 150", AFTER_ESTIMATE),
         ("seed: 3", "seed: 4", AFTER_ESTIMATE),
         ("seed: 3", "seed: 3\nobjective: {kind: swing, height_m: 0.6}", AFTER_ESTIMATE | {"score"}),
-        ("seed: 3", "seed: 3\nalign: {drift_prior: 1.0e-4}", AFTER_ALIGN),
+        ("seed: 3", "seed: 3\nalign: {drift: [0.0, 1.0e-4]}", AFTER_ALIGN),
         ("seed: 3", "seed: 3\ntrack: {tracker: chain}", set()),  # the default
         ("[0.50, 0.50]", "[0.50, 0.51]", AFTER_ESTIMATE | {"score"}),
         ("id: 5, x_m: 1.15", "id: 5, x_m: 1.16", AFTER_TRACK | {"calibrate"}),

@@ -89,8 +89,9 @@ def pair_led(
     """
     if not video:
         return LedPairs()
-    late = [SyncEvent(kind=e.kind, time_s=e.time_s + settings.latency_s, sigma_s=e.sigma_s) for e in robot]
-    led = _Switchings(video, late, settings.latency_sd_s, fit)
+    latency_s, latency_sd_s = settings.latency_and_sd_s
+    late = [SyncEvent(kind=e.kind, time_s=e.time_s + latency_s, sigma_s=e.sigma_s) for e in robot]
+    led = _Switchings(video, late, latency_sd_s, fit)
     matches = _matches(led)
     if not matches:
         return LedPairs(warnings=[_no_counterpart(video, robot)])

@@ -26,16 +26,16 @@ class Priors(RigPriors):
     @property
     def drift(self) -> float:
         """Standard deviation of the clocks' relative drift."""
-        return self.clock.drift_prior
+        return self.clock.drift[1]
 
     @property
     def known_drift(self) -> float:
         """Mean of the drift's prior."""
-        return self.clock.known_drift
+        return self.clock.drift[0]
 
     def with_drift(self, drift: float) -> Priors:
         """Return the same priors with another standard deviation of the drift."""
-        return replace(self, clock=self.clock.model_copy(update={"drift_prior": drift}))
+        return replace(self, clock=self.clock.model_copy(update={"drift": (self.known_drift, drift)}))
 
     def scales(self, rig: Rig) -> np.ndarray:
         """Return the units of offset, drift and `RigError.vector`: 1 ms, then the standard deviations."""

@@ -69,7 +69,7 @@ def main(arguments: list[str]) -> None:
     print(f"# drift of {len(files)} trials: {found.drift * 1e6:+.1f} ± {found.se * 1e6:.1f} ppm")
     for trial in found.odd:
         print(f"# trial {trial} contradicts it: was its video, or its log, taken by other clocks?")
-    print(f"align:\n  known_drift: {found.drift:.3e}\n  drift_prior: {found.se:.2e}")
+    print(f"align:\n  drift: [{found.drift:.3e}, {found.se:.2e}]")
 
 
 if __name__ == "__main__":

@@ -222,7 +222,7 @@ def _undetermined(what: str, focal_error: str) -> StrandcastError:
     return StrandcastError(
         "SC-C013",
         what,
-        field="camera.lens_photos",
+        field="camera.lens",
         cost=f"the focal length may be wrong by {focal_error}, with a small standard error",
     )
 
@@ -257,7 +257,7 @@ def _weaknesses(fit: LensFit, groups: np.ndarray, coverage: Coverage, size: tupl
             coverage.tilt_spread_rad < MIN_TILT_SPREAD_RAD,
             f"the boards' tilts differ by {spread_deg:.0f} degrees only, so that a board bowed by 0.3 mm "
             "changes the focal length by 3-8 %: tilt them 30-45 degrees each way, or give the known lens in "
-            "camera.lens_file",
+            "camera.lens",
         ),
         (
             coverage.board_share < MIN_BOARD_SHARE,

@@ -204,7 +204,7 @@ def _lens_warnings(camera: Camera) -> list[str]:
         raise StrandcastError(
             "SC-C013",
             f"the lens photos do not determine the lens: {weaknesses or 'its standard errors are large'}",
-            field="camera.lens_photos",
+            field="camera.lens",
             cost=f"{cost_m * 1e3:.1f} mm (standard error) at the worst position of the string",
         )
     if weaknesses or cost_m > LENS_WARNING_M:

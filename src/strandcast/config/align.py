@@ -6,8 +6,11 @@ from typing import Annotated
 
 from pydantic import Field, model_validator
 
-from strandcast.core.quantities import Pixel, Position, Trial
+from strandcast.core.quantities import Pixel, Position, Trial, value_and_sd
 from strandcast.core.section import Section
+
+DRIFT_SD = 5e-5  # of quartz clocks; chosen
+LATENCY_SD_S = 5e-4  # chosen
 
 
 class VideoSyncEvent(Section):
@@ -29,14 +32,14 @@ class VideoSyncEvent(Section):
     )
 
 
+Latency = Annotated[float, Field(ge=-0.1, le=0.1)]
+
+
 class LedSettings(Section):
     """An LED in the picture that the robot switches on before the swing and off after it."""
 
-    x_m: Position | None = Field(
-        None, description="x of the LED in the plane of motion. Give x_m and y_m, or box_px."
-    )
-    y_m: Position | None = Field(
-        None, description="y of the LED in the plane of motion. Give x_m and y_m, or box_px."
+    place_m: tuple[Position, Position] | None = Field(
+        None, description="x and y of the LED in the plane of motion. Give it, or box_px."
     )
     radius_m: Annotated[float, Field(gt=0, le=0.2)] = Field(
         0.01,
@@ -53,20 +56,21 @@ class LedSettings(Section):
         description="The camera's gamma, grey = light^(1/gamma); by default anything from 1 to 2.4. Set "
         "it, for more certain times, if you know it: 1 for most machine-vision cameras.",
     )
-    latency_s: Annotated[float, Field(ge=-0.1, le=0.1)] = Field(
-        0.0,
-        description="Delay from the logged time to the light. Set it if you measured it.",
+    latency_s: Latency | tuple[Latency, Annotated[float, Field(ge=0, le=0.1)]] = Field(
+        (0.0, LATENCY_SD_S),
+        description="Delay from the logged time to the light, and its standard deviation, shared by all "
+        "events. Set it if you measured it.",
     )
-    latency_sd_s: Annotated[float, Field(ge=0, le=0.1)] = Field(
-        5e-4,
-        description="Standard deviation of that delay, shared by all events. Raise it for a guess.",
-    )
+
+    @property
+    def latency_and_sd_s(self) -> tuple[float, float]:
+        """The delay and its standard deviation [s]."""
+        return value_and_sd(self.latency_s, LATENCY_SD_S)
 
     @model_validator(mode="after")
     def _position_or_box(self) -> LedSettings:
-        place = (self.x_m, self.y_m)
-        if (None in place) == (self.box_px is None) or (self.box_px and place != (None, None)):
-            raise ValueError("give the LED's x_m and y_m, or its box_px")
+        if (self.place_m is None) == (self.box_px is None):
+            raise ValueError("give the LED's place_m, or its box_px")
         if self.box_px and not (self.box_px[0] < self.box_px[2] and self.box_px[1] < self.box_px[3]):
             raise ValueError("box_px must be [left, top, right, bottom]")
         return self
@@ -75,14 +79,10 @@ class LedSettings(Section):
 class AlignSettings(Section):
     """The fit of the camera's clock to the robot's."""
 
-    drift_prior: Annotated[float, Field(gt=0, le=0.1)] = Field(
-        5e-5,
-        description="Standard deviation of the clocks' relative drift. Raise it for a camera without a "
-        "quartz clock.",
-    )
-    known_drift: Annotated[float, Field(ge=-0.1, le=0.1)] = Field(
-        0.0,
-        description="Mean of that drift. Set it to what `python -m strandcast.alignment.shared_drift` "
+    drift: tuple[Annotated[float, Field(ge=-0.1, le=0.1)], Annotated[float, Field(gt=0, le=0.1)]] = Field(
+        (0.0, DRIFT_SD),
+        description="The clocks' relative drift before the fit, and its standard deviation. Raise that for a "
+        "camera without a quartz clock, or set both to what `python -m strandcast.alignment.shared_drift` "
         "finds from several trials.",
     )
     largest_offset_s: Annotated[float, Field(gt=0, le=3600)] = Field(

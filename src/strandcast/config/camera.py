@@ -10,13 +10,15 @@ from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, Field, model_validator
 
-from strandcast.core.quantities import Position
+from strandcast.core.quantities import Position, value_and_sd
 from strandcast.core.section import Section
 from strandcast.errors import StrandcastError
 
 MAIN = "main"  # the camera of an experiment that gives `camera:` and no names
 CameraName = Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9_-]{0,31}$")]
-LENS_PHOTOS, PLANE_PHOTO = "calibration/lens-*.png", "calibration/plane.png"
+LENS, PLANE_PHOTO = "calibration/lens-*.png", "calibration/plane.png"
+LENS_FILES = (".yaml", ".yml", ".json", ".toml", ".txt", ".xml")
+OFFSET_SD_M = 1e-3  # of a distance that was measured; chosen
 Dictionary = Annotated[
     str,
     Field(
@@ -135,28 +137,19 @@ class Plane(Section):
         return self
 
 
+Offset = Annotated[float, Field(ge=-1, le=1)]
+
+
 class CameraSettings(Section):
     """The camera set-up and its calibration files, relative to the experiment's folder."""
 
-    scale: Literal["markers", "tracker"] = Field(
-        "markers",
-        description="Source of the metric scale: markers, or a tracker that finds it in the first film. "
-        "Set it for a tracker of your own that can.",
-    )
-    lens_photos: Annotated[Below, AfterValidator(_pattern)] = Field(
-        LENS_PHOTOS,
-        description="Pattern of the photos of the lens board. Set it if yours have other names.",
-    )
-    lens_video: Below | None = Field(
-        None, description="Video of the lens board, moved slowly. Give it instead of photos."
-    )
-    lens_file: Below | None = Field(
-        None,
-        description="Lens that another program calibrated: OpenCV, ROS, Kalibr, caliscope or anipose. "
-        "Give it instead of photos.",
+    lens: Annotated[Below, AfterValidator(_pattern)] = Field(
+        LENS,
+        description="Pattern of the photos of the lens board, with *; a video of it, moved slowly; or the "
+        "file of a lens that OpenCV, ROS, Kalibr, caliscope or anipose calibrated. Set it to what you have.",
     )
     lens_name: Annotated[str, Field(min_length=1, max_length=100)] | None = Field(
-        None, description="Camera of lens_file, e.g. cam0. Set it where the file has several."
+        None, description="Camera of that file, e.g. cam0. Set it where the file has several."
     )
     distortion: Literal["auto", "none", "k1", "k1k2", "k1k2p1p2", "k1k2k3p1p2", "rational", "fisheye"] = (
         Field(
@@ -178,14 +171,10 @@ class CameraSettings(Section):
         Plane(),
         description="Markers, or one board, in the plane of motion; they define the world frame.",
     )
-    string_offset_m: Annotated[float, Field(ge=-1, le=1)] = Field(
-        0.0,
-        description="Distance of the string's plane from the markers', positive towards the camera. "
-        "Measure and set it.",
-    )
-    string_offset_sd_m: Annotated[float, Field(ge=0, le=0.1)] = Field(
-        1e-3,
-        description="Standard deviation of that distance. Raise it if you estimated it by eye.",
+    string_offset_m: Offset | tuple[Offset, Annotated[float, Field(ge=0, le=0.1)]] = Field(
+        (0.0, OFFSET_SD_M),
+        description="Distance of the string's plane from the markers', positive towards the camera, and its "
+        "standard deviation. Measure and set it.",
     )
     exposure_s: Annotated[float, Field(gt=0, le=0.1)] | None = Field(
         None,
@@ -203,19 +192,22 @@ class CameraSettings(Section):
         "if the throw is complete.",
     )
 
-    @model_validator(mode="before")
-    @classmethod
-    def _plane_has_the_lens_board(cls, given: Any) -> Any:
-        board, plane = (given.get(name) if isinstance(given, dict) else None for name in ("board", "plane"))
-        if isinstance(board, dict) and isinstance(plane, dict) and isinstance(plane.get("board"), dict):
-            return given | {"plane": plane | {"board": board | plane["board"]}}
-        return given
+    @property
+    def lens_kind(self) -> Literal["photos", "file", "video"]:
+        """What `lens` names."""
+        if "*" in self.lens or "?" in self.lens or "[" in self.lens:
+            return "photos"
+        return "file" if Path(self.lens).suffix.lower() in LENS_FILES else "video"
 
-    @model_validator(mode="after")
-    def _one_source_of_the_lens(self) -> CameraSettings:
-        if self.lens_file is not None and self.lens_video is not None:
-            raise ValueError("give lens_file or lens_video, not both")
-        return self
+    @property
+    def by_tracker(self) -> bool:
+        """Whether the tracker has to find the metric scale in the first film: no markers show it."""
+        return not self.plane.markers and self.plane.board is None
+
+    @property
+    def string_offset_and_sd_m(self) -> tuple[float, float]:
+        """Distance of the string's plane from the markers' and its standard deviation [m]."""
+        return value_and_sd(self.string_offset_m, OFFSET_SD_M)
 
 
 def only_camera(names: Iterable[str]) -> str:

@@ -5,7 +5,7 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, field_validator, model_validator
 
-from strandcast.config.paper import PaperFit
+from strandcast.core.section import Section
 from strandcast.core.strings import PARAMETERS, SPATIAL_RANGES, ForceName
 
 PluginName = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_-]{0,40}$")]
@@ -36,7 +36,7 @@ def known_parameters(names: Iterable[str], known: Collection[str] = PARAMETERS) 
         raise ValueError(f"{unknown[0]!r} is no string parameter; these are: {', '.join(known)}")
 
 
-class EstimateSettings(PaperFit):
+class EstimateSettings(Section):
     """The fit of the string."""
 
     search: PluginName = Field(
@@ -128,6 +128,16 @@ class EstimateSettings(PaperFit):
         if "search" in given and self.search != defaults["search"]:
             given.add("evaluations")  # that search has its own
         return self.model_copy(update={name: defaults[name] for name in defaults if name not in given})
+
+    @property
+    def evaluation(self) -> Literal["world", "hand"]:
+        """Frame of E: the world, or the hand, as in the paper, which centres images on the grasping point."""
+        return "hand" if self.search == "paper" else "world"
+
+    @property
+    def free_end(self) -> bool:
+        """Whether the last point, which carries half a segment, has half a mass; not in the paper."""
+        return self.search != "paper"
 
     @property
     def trials_read(self) -> int | None:

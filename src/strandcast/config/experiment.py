@@ -8,7 +8,7 @@ from pydantic import Field, field_validator, model_validator
 
 from strandcast.config.align import AlignSettings
 from strandcast.config.camera import (
-    LENS_PHOTOS,
+    LENS,
     MAIN,
     PLANE_PHOTO,
     CameraName,
@@ -55,7 +55,6 @@ class Conflict(ValueError):
 class Experiment(Section):
     """One string, arm, camera set-up and target, and the settings of every stage."""
 
-    schema_version: Literal[1] = Field(1, description="Version of this file's format. Leave it out.")
     title: Annotated[str, Field(max_length=200)] = Field(
         "", description="Title of the report. Set it if the name does not say enough."
     )
@@ -228,19 +227,23 @@ class Experiment(Section):
 
     @model_validator(mode="after")
     def _lab_uses_default_photo_names(self) -> Experiment:
-        named = {(c.lens_photos, c.plane_photo, c.lens_video or c.lens_file) for c in self.cameras.values()}
-        if self.lab is not None and named != {(LENS_PHOTOS, PLANE_PHOTO, None)}:
+        named = {(c.lens, c.plane_photo) for c in self.cameras.values()}
+        if self.lab is not None and named != {(LENS, PLANE_PHOTO)}:
             raise Conflict(
-                f"the lab writes {LENS_PHOTOS} and {PLANE_PHOTO}",
+                f"the lab writes {LENS} and {PLANE_PHOTO}",
                 "cameras",
-                "leave lens_photos, plane_photo, lens_video and lens_file out",
+                "leave lens and plane_photo out",
             )
         return self
 
     @model_validator(mode="after")
     def _lab_led_has_position(self) -> Experiment:
-        if self.lab is not None and self.lab.led and (self.align.led is None or self.align.led.x_m is None):
-            raise Conflict("lab.led needs the LED's position", "lab", "add align.led: {x_m: …, y_m: …}")
+        if (
+            self.lab is not None
+            and self.lab.led
+            and (self.align.led is None or self.align.led.place_m is None)
+        ):
+            raise Conflict("lab.led needs the LED's position", "lab", "add align.led: {place_m: [x, y]}")
         return self
 
     @property
@@ -266,7 +269,7 @@ class Experiment(Section):
         no rehearsal.
         """
         asked = self.lab is not None and self.lab.rehearsal
-        ours = self.plan.planner != "paper" and self.plan.plans_with_servo
+        ours = self.plan.planner != "paper"
         return asked and (self.start_string == "ensemble" or self.known_string is not None) and ours
 
     @property

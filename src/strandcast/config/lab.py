@@ -26,11 +26,15 @@ class LabString(Section):
 PaperString = Literal["paper-1", "paper-2", "paper-3", "paper-4", "paper-5", "paper-6", "paper-7"]
 
 
+LAB_SIZE_PX = (1280, 720)
+
+
 class LabCamera(Section):
     """The lab's camera."""
 
-    width_px: Annotated[int, Field(ge=320, le=4096)] = Field(1280, description="Width of the picture.")
-    height_px: Annotated[int, Field(ge=240, le=4096)] = Field(720, description="Height of the picture.")
+    size_px: tuple[Annotated[int, Field(ge=320, le=4096)], Annotated[int, Field(ge=240, le=4096)]] = Field(
+        LAB_SIZE_PX, description="Width and height of the picture."
+    )
     frame_rate_hz: Annotated[float, Field(ge=60, le=5000)] = Field(500.0, description="Frames per second.")
     exposure_s: Annotated[float, Field(gt=0, le=0.02)] = Field(
         4e-4,

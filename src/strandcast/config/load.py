@@ -69,18 +69,25 @@ def _with_target(data: dict[str, Any]) -> dict[str, Any]:
 
 
 def _with_cameras(data: dict[str, Any]) -> dict[str, Any]:
-    """Return settings with `camera: …` written out as `cameras: {main: …}`."""
-    if "camera" not in data:
-        return data
-    if "cameras" in data:
-        raise StrandcastError(
-            "SC-F003",
-            "both camera and cameras are given",
-            field="camera",
-            fix="move it into cameras, by name",
-        )
-    others = {key: value for key, value in data.items() if key != "camera"}
-    return others | {"cameras": {MAIN: data["camera"]}}
+    """Return settings with `camera: …` written out as `cameras: {main: …}`.
+
+    A board in the plane has from the lens board what it does not give.
+    """
+    if "camera" in data:
+        if "cameras" in data:
+            raise StrandcastError(
+                "SC-F003",
+                "both camera and cameras are given",
+                field="camera",
+                fix="move it into cameras, by name",
+            )
+        data["cameras"] = {MAIN: data.pop("camera")}
+    cameras = data.get("cameras")
+    for camera in cameras.values() if isinstance(cameras, dict) else ():
+        board, plane = (camera.get(name) if isinstance(camera, dict) else None for name in ("board", "plane"))
+        if isinstance(board, dict) and isinstance(plane, dict) and isinstance(plane.get("board"), dict):
+            plane["board"] = board | plane["board"]
+    return data
 
 
 def _plain(node: Any) -> Any:

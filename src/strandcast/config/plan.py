@@ -1,22 +1,23 @@
 """`plan:` the planner."""
 
-from typing import Annotated
+from typing import Annotated, Literal
 
 from pydantic import Field, field_validator
 
-from strandcast.config.paper import PaperPlanner
-
-ENSEMBLE_DURATION_S = (0.35, 0.9)  # chosen: the example arms can throw in this time
-PAPER_DURATION_S = (0.2, 1.2)  # section V-A of the paper
+from strandcast.core.section import Section
 
 
-class PlanSettings(PaperPlanner):
+class PlanSettings(Section):
     """The planner."""
 
-    duration_s: tuple[float, float] | None = Field(
-        None,
-        description="Shortest and longest first motion; by default [0.35, 0.9]. Raise both for a slow arm; "
-        "lower the shortest for a fast one.",
+    planner: Literal["ensemble", "paper"] = Field(
+        "ensemble",
+        description="Plans over the ensemble, or as the paper. Leave it out: `method: paper` sets it.",
+    )
+    duration_s: tuple[float, float] = Field(
+        (0.35, 0.9),  # chosen: the example arms can throw in this time
+        description="Shortest and longest first motion. Raise both for a slow arm; lower the shortest for a "
+        "fast one.",
     )
     control_points: Annotated[int, Field(ge=3, le=20)] = Field(
         6,
@@ -44,19 +45,9 @@ class PlanSettings(PaperPlanner):
         "throws scatter more than predicted; lower it if less.",
     )
 
-    @property
-    def duration_range_s(self) -> tuple[float, float]:
-        """Shortest and longest time of a first motion [s]."""
-        return self.duration_s or (PAPER_DURATION_S if self.planner == "paper" else ENSEMBLE_DURATION_S)
-
-    @property
-    def plans_with_servo(self) -> bool:
-        """Whether to plan with the servo's response, not with the commanded angles."""
-        return self.planner != "paper" if self.use_servo is None else self.use_servo
-
     @field_validator("duration_s")
     @classmethod
-    def _shortest_first(cls, value: tuple[float, float] | None) -> tuple[float, float] | None:
-        if value is not None and not 0.05 <= value[0] <= value[1] <= 5.0:
+    def _shortest_first(cls, value: tuple[float, float]) -> tuple[float, float]:
+        if not 0.05 <= value[0] <= value[1] <= 5.0:
             raise ValueError("must be [shortest, longest] within 0.05 and 5 s")
         return value

@@ -7,7 +7,9 @@ from typing import Any, NamedTuple
 
 from ruamel.yaml.comments import CommentedMap
 
-from strandcast.config.paper import PAPERS
+from strandcast.config.align import DRIFT_SD, LATENCY_SD_S
+from strandcast.config.camera import OFFSET_SD_M
+from strandcast.config.lab import LAB_SIZE_PX
 from strandcast.core.strings import FORCES
 from strandcast.errors import StrandcastError
 
@@ -30,10 +32,33 @@ class Renamed:
     values: Mapping[Any, Any] = field(default_factory=dict)
 
 
+@dataclass(frozen=True)
+class Merged:
+    """Settings of one section that became one, with a list of their values; what was not given has a default.
+
+    `new` may be the first of them, which alone may still stand for a list.
+    """
+
+    section: str
+    old: tuple[str, ...]
+    new: str
+    defaults: tuple[Any, ...]
+
+
+MERGED = (
+    Merged("align", ("known_drift", "drift_prior"), "drift", (0.0, DRIFT_SD)),
+    Merged("align.led", ("x_m", "y_m"), "place_m", (None, None)),
+    Merged("align.led", ("latency_s", "latency_sd_s"), "latency_s", (0.0, LATENCY_SD_S)),
+    Merged("cameras.*", ("string_offset_m", "string_offset_sd_m"), "string_offset_m", (0.0, OFFSET_SD_M)),
+    Merged("lab.camera", ("width_px", "height_px"), "size_px", LAB_SIZE_PX),
+)
+
 # Names of version 0.1, accepted by 0.2.
 RENAMED: tuple[Renamed, ...] = (
     Renamed("track.hand", "track.tracker", {"marker": "chain", "pivot": "pendulum"}),
-    Renamed("cameras.*.scale", "cameras.*.scale", {"arc": "tracker"}),
+    Renamed("schema_version", None),
+    Renamed("cameras.*.scale", None),
+    *(Renamed(f"cameras.*.{name}", "cameras.*.lens") for name in ("lens_photos", "lens_video", "lens_file")),
     Renamed("plan.finer", None),
     Renamed("plan.mesh_refinement", None),
     Renamed("plan.carry_residual", None),
@@ -42,13 +67,11 @@ RENAMED: tuple[Renamed, ...] = (
     Renamed("plan.disturbances", "plan.disturbances", {"learnt": 1.0}),
     Renamed("estimate.integrator", None),
     Renamed("estimate.find_weights", None),
+    # Of the paper's method, which is one setting.
+    *(Renamed(f"estimate.{name}", None) for name in ("evaluation", "reading", "free_end", "joints", "paper")),
+    Renamed("plan.use_servo", None),
+    Renamed("plan.paper", None),
     Renamed("estimate.search", "estimate.search", {"cma": "thorough", "evolution": "thorough"}),
-)
-
-
-# Settings of the paper's method, without `method: paper`.
-OF_THE_PAPER = tuple(
-    Renamed(f"{section}.{name}", None) for section in PAPERS for name in PAPERS[section].model_fields
 )
 
 
@@ -89,14 +112,40 @@ def with_new_names(
         SC-F003 a setting is given under both names.
     """
     asked = [*_with_method(data), *_with_forces(data, file)]
-    changes = (*(RENAMED if renamed is None else renamed), *([] if "method" in data else OF_THE_PAPER))
     changed = (
         _changed(section, change, file)
-        for change in changes
+        for change in (RENAMED if renamed is None else renamed)
         for section in _sections(data, change.old.split(".")[:-1])
         if change.old.split(".")[-1] in section
     )
-    return [*asked, *(each for each in changed if each is not None)]
+    merged = (
+        [] if renamed is not None else [change for each in MERGED for change in _merged(data, each, file)]
+    )
+    return [*asked, *merged, *(each for each in changed if each is not None)]
+
+
+def _merged(data: CommentedMap, merged: Merged, file: Path) -> Iterator[Change]:
+    """Write settings that became one."""
+    for section in _sections(data, merged.section.split(".")):
+        given = [name for name in merged.old if name in section]
+        if not {*given} - {merged.new}:
+            continue
+        if merged.new in section and merged.new not in merged.old:
+            raise _both(f"{merged.section}.{given[0]}", f"{merged.section}.{merged.new}", section, file)
+        values = [
+            section.get(name, default) for name, default in zip(merged.old, merged.defaults, strict=True)
+        ]
+        position, place = list(section).index(given[0]), section.lc.data[given[0]]
+        places = [section.lc.data[name] for name in given]
+        for name in given:
+            del section[name]
+        section.insert(position, merged.new, values)
+        section.lc.data[merged.new] = place
+        written = f"[{', '.join(map(str, values))}]"
+        for name, (line, column, *_) in zip(given, places, strict=True):
+            what = f"{merged.section}.{name} is now {merged.section}.{merged.new}: {written}"
+            new = merged.new if name == given[0] else None
+            yield Change(f"{what}; the next version refuses it", line, column, new, written)
 
 
 def _with_method(data: CommentedMap) -> list[Change]:

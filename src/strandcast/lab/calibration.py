@@ -28,7 +28,7 @@ MAX_TILT_RAD = 0.6
 
 
 def write_lens_photos(experiment: Experiment, name: str, view: LabView, data_dir: Path) -> None:
-    """Write ``lens-01.png`` … to the folder of the experiment's ``camera.lens_photos``."""
+    """Write ``lens-01.png`` … to the folder of the experiment's ``camera.lens``."""
     random = rng(name, experiment.seed, 0, "lab-lens-photos")
     texture, texels_m, rim = _board_texture(experiment.camera.board)
     height, width = view.height_px, view.width_px
@@ -37,7 +37,7 @@ def write_lens_photos(experiment: Experiment, name: str, view: LabView, data_dir
     v = (np.arange(height)[:, None] + steps).ravel()
     rays = view.rays(np.stack(np.meshgrid(u, v), axis=-1)).astype(np.float32)
     texels = np.array([[texels_m, 0.0, rim - 0.5], [0.0, texels_m, rim - 0.5], [0.0, 0.0, 1.0]])
-    folder = (data_dir / experiment.camera.lens_photos).parent
+    folder = (data_dir / experiment.camera.lens).parent
     for number in range(1, PHOTOS + 1):
         rotation, translation = _board_pose(experiment.camera.board, view, random)
         board_to_ray = np.column_stack([rotation[:, 0], rotation[:, 1], translation])

@@ -173,7 +173,7 @@ class LabDriver(LabArm):
         since_s, random = robot_time_s - start_s, self._random("lab-sensor")
         shots = film_frames(scene, actors, since_s, camera.exposure_s, camera.noise_grey, random, lamp)
         shown = progress(shots, "film", total=len(since_s))
-        write_video(folder / VIDEO, shown, camera.width_px, camera.height_px, camera.frame_rate_hz)
+        write_video(folder / VIDEO, shown, *camera.size_px, camera.frame_rate_hz)
         filmed = RecordedThrow(swing, asdict(variation.along), clocks, robot_time_s, start_s, motion_s)
         self._write_truth(filmed, film_facts(scene, filmed))
         recording = self._recorded(swing, variation.along, clocks, motion_s)

@@ -161,7 +161,9 @@ def _paint_plane_markers(canvas: Canvas, view: LabView, experiment: Experiment) 
         sides = plane.size_m * np.array([1.0 + 2.0 * MARGIN_CELLS / len(tones), 1.0])
         place = np.array([marker.x_m, marker.y_m])
         paper, uv = (
-            view.pixels(square_corners_m(place, marker.angle_rad, side), -experiment.camera.string_offset_m)
+            view.pixels(
+                square_corners_m(place, marker.angle_rad, side), -experiment.camera.string_offset_and_sd_m[0]
+            )
             for side in sides
         )
         if (uv < 0).any() or (uv > np.array([view.width_px, view.height_px]) - 1).any():
@@ -178,9 +180,9 @@ def _paint_plane_markers(canvas: Canvas, view: LabView, experiment: Experiment) 
 def _paint_led(canvas: Canvas, view: LabView, experiment: Experiment) -> LabLed | None:
     """Paint the dark LED, and return it."""
     declared, lab = experiment.align.led, experiment.lab
-    if lab is None or not lab.led or declared is None or declared.x_m is None or declared.y_m is None:
+    if lab is None or not lab.led or declared is None or declared.place_m is None:
         return None
-    place_m = (declared.x_m, declared.y_m)
+    place_m = declared.place_m
     middle = view.pixels(np.array(place_m))
     if (middle < 0).any() or (middle > np.array([view.width_px, view.height_px]) - 1).any():
         raise StrandcastError(

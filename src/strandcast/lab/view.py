@@ -70,7 +70,7 @@ def make_view(experiment: Experiment, name: str, arm: PlanarArm) -> LabView:
     assert experiment.lab is not None
     camera = experiment.lab.camera
     random = rng(name, experiment.seed, 0, "lab-camera")
-    width, height = camera.width_px, camera.height_px
+    width, height = camera.size_px
     focal = FOCAL_SHARE * width * (1.0 + 0.02 * random.uniform(-1, 1))
     centre = np.array([width, height]) / 2 + random.uniform(-8, 8, 2)
     matrix = np.array([[focal, 0.0, centre[0]], [0.0, focal * 1.001, centre[1]], [0.0, 0.0, 1.0]])

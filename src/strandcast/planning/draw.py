@@ -7,7 +7,6 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from strandcast.arm.dynamics import NO_DYNAMICS, Dynamics
-from strandcast.arm.joint_limits import Limits
 from strandcast.arm.load import Arm
 from strandcast.errors import StrandcastError
 from strandcast.planning.bezier import (
@@ -105,18 +104,14 @@ def draw_first(
             found += _at_rest(prior, bounds, rng, may_start)
         if len(found) >= count:
             return found[:count]
-    raise _too_few(len(found), count, prior.reading, bounds.arm.limits)
+    raise _too_few(len(found), count, prior.reading)
 
 
-def _too_few(found: int, count: int, reading: Reading, limits: Limits) -> StrandcastError:
-    how, first_fix = "by eq. 1 kept the arm's limits", "lower plan.paper.largest_slope_rad_s2"
+def _too_few(found: int, count: int, reading: Reading) -> StrandcastError:
+    how, first_fix = "by eq. 1 kept the arm's limits", "leave out `method: paper`"
     if reading == "rest":
         how, first_fix = "kept the arm's limits and let the string hang freely before", "widen workspace_m"
     fix = f"{first_fix}, allow other durations (plan.duration_s), or check the arm's limits"
-    if reading == "paper" and np.isfinite(limits.jerk_rad_s3).any():
-        fix = (
-            "set plan.paper.ends to rest: eq. 1 begins with a jump in acceleration, the arm's jerk is limited"
-        )
     return StrandcastError(
         "SC-P004", f"only {found} random motions {how}, {count} are wanted", field="plan", fix=fix
     )

@@ -67,7 +67,7 @@ def search_globally(given: SearchInputs) -> tuple[Curve, int]:
     given = replace(
         given, task=task, strings=disturbed(given.strings, settings.ensemble, joints, given.sizes)
     )
-    encoding = Encoding(joints, settings.control_points, settings.duration_range_s, task.step_s)
+    encoding = Encoding(joints, settings.control_points, settings.duration_s, task.step_s)
     starts = [encoding.point(curve) for curve in screen(given)]
     simulations = len(starts) * min(SCREENED_WITH, len(given.strings))
     for number, (descents, share, members) in enumerate(ROUNDS, 1):
@@ -101,7 +101,7 @@ def screen(given: SearchInputs) -> list[Curve]:
     task, settings, strings = given.task, given.settings, given.strings.first(SCREENED_WITH)
     drawn = draw_first(
         settings.screening,
-        CurvePrior("rest", settings.duration_range_s, settings.control_points, LARGEST_SLOPE_RAD_S2),
+        CurvePrior("rest", settings.duration_s, settings.control_points, LARGEST_SLOPE_RAD_S2),
         JointBounds(task.arm, task.step_s, task.dynamics),
         given.rng,
         lambda q0: start_cost(task, q0) == 0.0,

@@ -78,7 +78,7 @@ def plan_first(
     given = _inputs(task, strings, settings, rng, [rehearsal] if rehearsal else [])
     if settings.planner == "paper":
         return predicted(given, first_by_paper(given))
-    if rehearsal is None or rehearsal.curve is None or not settings.plans_with_servo:
+    if rehearsal is None or rehearsal.curve is None:
         return likeliest(task, [lambda: from_nothing(given, "first")] * SEARCHES)
     near = neighbourhood(task, strings, given.conditions, rehearsal, [rehearsal])
     # Nothing is known of the string, so that every one is disturbed, as in a search from nothing.
@@ -217,7 +217,7 @@ def _inputs(
     rng: np.random.Generator,
     played: list[PastTrial],
 ) -> SearchInputs:
-    servo = fitted_servo(task, played) if settings.plans_with_servo else None
+    servo = None if settings.planner == "paper" else fitted_servo(task, played)
     sizes = settings.disturbances * TYPICAL_SIZES
     return SearchInputs(task, strings, RolloutConditions(servo), settings, rng, sizes)
 

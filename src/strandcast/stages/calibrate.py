@@ -30,6 +30,7 @@ from strandcast.stages.context import Context
 from strandcast.stages.job import Files, Job
 from strandcast.stages.photos import given_pictures
 from strandcast.tracking.registry import TRACKERS
+from strandcast.tracking.tracker import FindScale
 from strandcast.video.ingest import inspect_video
 from strandcast.video.reader import open_video
 
@@ -48,7 +49,7 @@ def run(job: Job, files: Files) -> None:
     from strandcast.camera.picture import camera_picture  # heavy: others read photos with this module
 
     _warn_of_former(job.context)
-    fit = _by_tracker if job.context.settings.camera.scale == "tracker" else camera_by_markers
+    fit = _by_tracker if job.context.settings.camera.by_tracker else camera_by_markers
     camera, picture = fit(job.context, files)
     with atomic_write(files.output("picture")) as temporary:
         Image.fromarray(camera_picture(picture, camera)).save(temporary, "WEBP", quality=82, method=4)
@@ -77,8 +78,7 @@ def camera_by_markers(context: Context, files: Files) -> tuple[Camera, np.ndarra
         dictionary,
         file=str(plane),
         geometry=PlaneGeometry(
-            settings.camera.string_offset_m,
-            settings.camera.string_offset_sd_m,
+            *settings.camera.string_offset_and_sd_m,
             settings.camera.plane.place_sd_m,
             None if box is None else (box.x_m, box.y_m),
         ),
@@ -93,9 +93,9 @@ def camera_by_markers(context: Context, files: Files) -> tuple[Camera, np.ndarra
 def _lens(context: Context, files: Files) -> tuple[Lens, PrintedBoard | None]:
     """Return the lens, and the board as its photos show it."""
     camera = context.settings.camera
-    if camera.lens_file is not None:
+    if camera.lens_kind == "file":
         return read_lens(files.input("lens"), camera.lens_name, camera.distortion == FISHEYE), None
-    if camera.lens_video is not None:
+    if camera.lens_kind == "video":
         frames = _board_frames(files.input("lens"))
         return calibrate_lens_video(frames, camera.board, camera.distortion)
     paths = files.inputs("lens")
@@ -116,14 +116,21 @@ def _board_frames(path: Path) -> Iterator[tuple[str, np.ndarray]]:
 def _by_tracker(context: Context, files: Files) -> tuple[Camera, np.ndarray]:
     """Let the tracker find scale and origin in the film of the first trial."""
     settings = context.settings
-    tracker = TRACKERS.get(settings.track.tracker, context.file)
-    if tracker.calibrate is None:
-        what = f"the tracker {settings.track.tracker!r} finds no scale"
-        fix = "leave it out, and give the plane's markers"
-        raise StrandcastError("SC-E008", what, file=context.file, field="camera.scale", fix=fix)
+    find = scale_finder(context)
     video = Manifest.read(files.input("manifest")).video
     path = context.folder.trial(1).data / video.file
-    return tracker.calibrate(path, video, settings.string.length_m, settings.track)
+    return find(path, video, settings.string.length_m, settings.track)
+
+
+def scale_finder(context: Context) -> FindScale:
+    """Return what finds the scale of an experiment that declares no markers; SC-E008 if nothing does."""
+    name = context.settings.track.tracker
+    found = TRACKERS.get(name, context.file).calibrate
+    if found is None:
+        what = f"the plane has neither markers nor a board, and the tracker {name!r} finds no scale"
+        fix = "give the plane's markers with their places, or its board"
+        raise StrandcastError("SC-E008", what, file=context.file, field="camera.plane", fix=fix)
+    return found
 
 
 def read_photos_of(context: Context, paths: list[Path]) -> Iterator[np.ndarray]:

@@ -29,14 +29,10 @@ TRIAL = "results/{experiment}/trial-{trial}/"
 EXPERIMENT = "results/{experiment}/"
 REHEARSAL = "data/{experiment}/rehearsal/"
 CAMERA = EXPERIMENT + "cameras/{camera}"
-_CALIBRATION = (
-    *("scale", "lens_photos", "lens_video", "lens_file", "lens_name", "plane_photo", "board", "plane"),
-    *("distortion", "string_offset_m", "string_offset_sd_m"),
-)
+_CALIBRATION = ("lens", "lens_name", "plane_photo", "board", "plane", "distortion", "string_offset_m")
 _PLANNED = (
     *("string", "plan", "seed", "start_string", "workspace_m", "target_m", "objective", "hit_radius_m"),
-    *("estimate.reading", "estimate.dt_s", "estimate.joints"),
-    "estimate.free_end",
+    *("estimate.dt_s", "estimate.search"),  # the search of the paper has its own last point
 )
 ALL_SETTINGS = tuple(Experiment.model_fields)  # the pages print all settings
 
@@ -64,7 +60,7 @@ _DECLARED = (
         },
         settings=(
             *("cameras.*.board", "cameras.*.plane", "workspace_m", "string.length_m", "seed", "target_m"),
-            *("lab.camera", "lab.led", "align.led.x_m", "align.led.y_m"),
+            *("lab.camera", "lab.led", "align.led.place_m"),
         ),
     ),
     Stage(
@@ -91,7 +87,7 @@ _DECLARED = (
         },
         settings=(
             *("cameras.*.plane", "workspace_m", "string", "seed", "lab", "target_m"),
-            *("align.led.x_m", "align.led.y_m"),
+            "align.led.place_m",
         ),
     ),
     Stage(
@@ -150,7 +146,7 @@ _DECLARED = (
         },
         settings=(
             *("string", "track", "cameras.*.exposure_s"),
-            *(f"align.led.{name}" for name in ("x_m", "y_m", "radius_m", "box_px", "gamma")),
+            *(f"align.led.{name}" for name in ("place_m", "radius_m", "box_px", "gamma")),
         ),
         without_motion=("target_m",),
         may_read={"video": files.video},  # the manifest holds its hash

@@ -195,20 +195,20 @@ LAB_PHOTOS = tuple(f"calibration/lens-{number:02d}.png" for number in range(1, 1
 
 
 def lens(job: Job) -> list[Path]:
-    """Return the file of a known lens, or photos or video of the board; none with ``scale: tracker``."""
+    """Return a known lens, or photos or video of the board; none where the tracker finds the scale."""
     camera, folder = job.context.settings.camera, job.context.folder.data
-    if camera.scale == "tracker":
+    if camera.by_tracker:
         return []
-    if given := camera.lens_file or camera.lens_video:
-        return [folder / given]
+    if camera.lens_kind != "photos":
+        return [folder / camera.lens]
     if job.is_lab:
         return [folder / name for name in LAB_PHOTOS]
-    others = [path for path in _other_photos(folder, camera.lens_photos) if path not in _of_the_plane(job)]
-    return files_matching(folder, camera.lens_photos) or others or [folder / camera.lens_photos]
+    others = [path for path in _other_photos(folder, camera.lens) if path not in _of_the_plane(job)]
+    return files_matching(folder, camera.lens) or others or [folder / camera.lens]
 
 
 def plane(job: Job) -> list[Path]:
-    """Return the photo of the plane of motion; none with ``camera.scale: tracker``.
+    """Return the photo of the plane of motion; none where the tracker finds the scale.
 
     Raises
     ------
@@ -216,7 +216,7 @@ def plane(job: Job) -> list[Path]:
         SC-C031 several photos may be it, and the settings name none of them.
     """
     camera, folder = job.context.settings.camera, job.context.folder.data
-    if camera.scale == "tracker":
+    if camera.by_tracker:
         return []
     photo, there = folder / camera.plane_photo, _of_the_plane(job)
     if job.is_lab or ("plane_photo" in camera.model_fields_set and file_exists(photo)):
@@ -248,14 +248,14 @@ def _other_photos(folder: Path, pattern: str) -> list[Path]:
 
 
 def scaling_manifest(job: Job) -> list[Path]:
-    """Return the manifest of the first trial if the tracker finds the scale (``camera.scale: tracker``)."""
-    by_tracker = job.context.settings.camera.scale == "tracker"
+    """Return the manifest of the first trial if the tracker finds the scale."""
+    by_tracker = job.context.settings.camera.by_tracker
     return [job.context.folder.trial(1).results / "manifest.json"] if by_tracker else []
 
 
 def scaling_video(job: Job) -> list[Path]:
-    """Return the video of the first trial if the tracker finds the scale (``camera.scale: tracker``)."""
-    return video(Job(job.context, 1)) if job.context.settings.camera.scale == "tracker" else []
+    """Return the video of the first trial if the tracker finds the scale."""
+    return video(Job(job.context, 1)) if job.context.settings.camera.by_tracker else []
 
 
 def background(job: Job) -> list[Path]:

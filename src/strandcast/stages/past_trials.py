@@ -76,7 +76,7 @@ def read_trial(files: Files, number: int) -> Trial:
     if settings.aims_in_space:  # without the rows' noise since its import
         hand_time_s, hand_pose = read_hand_in_space(files.input("hand", number))
     else:
-        hand_time_s, hand = read_hand(files.input("hand", number), settings.estimate.joints)
+        hand_time_s, hand = read_hand(files.input("hand", number), "measured")
         # The rows' noise would shake the simulated strings.
         hand_pose = without_row_noise(hand_time_s, hand.array()) if log else hand.array()
     return Trial(
@@ -197,7 +197,7 @@ def string_model(
     string, estimate = context.settings.string, context.settings.estimate
     length_m = free_length_m(context, arm.clamp.clamped_length_m)
     places_m = [weight.place_m for weight in string.weights] if weights_m is None else weights_m
-    model = StringModel(length_m, string.n, estimate.reading, estimate.dt_s)
+    model = StringModel(length_m, string.n, dt_s=estimate.dt_s)
     layout = mass_layout(
         length_m,
         string.n,

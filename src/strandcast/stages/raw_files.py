@@ -7,6 +7,11 @@ from strandcast.errors import StrandcastError
 from strandcast.records.listing import entries_of
 from strandcast.stages.context import Context
 
+LENS_MISSING = {
+    "photos": ("SC-C030", "camera.lens", "photo or video of the lens board"),
+    "video": ("SC-C030", "camera.lens", "video of the lens board"),
+    "file": ("SC-C050", "camera.lens", "file of the lens"),
+}
 MOST_NAMED = 12  # files beside a missing one
 
 
@@ -14,14 +19,12 @@ def missing_file(context: Context, path: Path) -> StrandcastError:
     """Return the problem of a raw file that is not there, with the setting that names it if there is one."""
     camera, name = context.settings.camera, shlex.quote(context.name)
     photos = (
-        "if it is there under another name, rename it or set camera.lens_photos; otherwise take 10 photos of "
+        "if it is there under another name, rename it or set camera.lens; otherwise take 10 photos of "
         f"it (strandcast boards {name} prints it), all over the picture; motion capture needs none "
         "(strandcast import track)"
     )
     named = (
-        (camera.lens_photos, "SC-C030", "camera.lens_photos", "photo or video of the lens board", photos),
-        (camera.lens_video, "SC-C030", "camera.lens_video", "video of the lens board", None),
-        (camera.lens_file, "SC-C050", "camera.lens_file", "file of the lens", None),
+        (camera.lens, *LENS_MISSING[camera.lens_kind], photos if camera.lens_kind == "photos" else None),
         (camera.plane_photo, "SC-C031", "camera.plane_photo", "photo of the plane", None),
         (context.settings.track.background_picture, "SC-T030", "track.background_picture", "picture", None),
     )

@@ -54,15 +54,18 @@ class TrackerInput:
         return StringHint(length_m, self.string.n, self.string.thickness_m, max(length_m - last_m, 0.0))
 
 
+FindScale = Callable[[Path, VideoFacts, float, TrackSettings], tuple[Camera, np.ndarray]]
+
+
 @dataclass(frozen=True)
 class Tracker:
     """A way to track a string.
 
     An experiment that sets one of the `unused_settings`, e.g. "track.polarity", is refused. `calibrate`, if
-    there is one, makes the camera of ``camera.scale: tracker`` from the first trial's film, its facts and the
-    string's length [m]; it returns the camera and a picture, grey (H, W), on which it is shown.
+    there is one, makes the camera of an experiment without markers from the first trial's film, its facts
+    and the string's length [m]; it returns the camera and a picture, grey (H, W), on which it is shown.
     """
 
     track: Callable[[TrackerInput, TrackSettings], Tracked]
     unused_settings: tuple[str, ...] = ()
-    calibrate: Callable[[Path, VideoFacts, float, TrackSettings], tuple[Camera, np.ndarray]] | None = None
+    calibrate: FindScale | None = None

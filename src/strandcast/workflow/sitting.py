@@ -65,7 +65,6 @@ OF_ANOTHER_THROW = ("SC-A007", "SC-A008", "SC-V023")
 MOTION = "motion.json"
 PLANNED = (MOTION, "predicted.parquet")
 CUT_OFF = "the throw was cut off before its log was written, or refused"
-TRACKER = "tracker"  # finds the scale, from the first throw
 
 
 class Person(Protocol):
@@ -122,7 +121,7 @@ def hold(sitting: Sitting) -> None:
 
 
 def _hold(sitting: Sitting, context: Context) -> None:
-    if context.settings.camera.scale != TRACKER:  # nothing is thrown before it can be judged
+    if not context.settings.camera.by_tracker:  # nothing is thrown before it can be judged
         _make(sitting, context.folder.camera(context.settings.camera_name))
     while True:
         _finish_last(sitting)

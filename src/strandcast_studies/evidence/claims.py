@@ -47,15 +47,7 @@ PIPES = {
 SAME_STRING = ("paper-1", "paper-4")
 
 HOW = {
-    "paper": OURS.model_copy(
-        update={
-            "search": "paper",
-            "ranges": "paper",
-            "evaluation": "hand",
-            "forces": "paper",
-            "free_end": False,
-        }
-    ),
+    "paper": OURS.model_copy(update={"search": "paper", "ranges": "paper", "forces": "paper"}),
     "papers_search": OURS.model_copy(update={"search": "paper", "forces": ["rest_curl"]}),
     "papers_ranges": OURS.model_copy(update={"ranges": "paper"}),
     "ours": PROFILED,

@@ -78,8 +78,7 @@ def experiment_of(kind: LedCase) -> Experiment:
     """Return the virtual rig of a case."""
     markers = [{"id": k, "x_m": x, "y_m": y} for k, (x, y) in enumerate(MARKERS_M)]
     camera = {
-        "width_px": 640,
-        "height_px": 512,
+        "size_px": (640, 512),
         "frame_rate_hz": kind.rate_hz,
         "exposure_s": kind.exposure_s,
         "noise_grey": kind.noise_grey,
@@ -131,7 +130,7 @@ def film(arm: PlanarArm, kind: LedCase, seed: int, folder: Path, gamma: float | 
     camera = camera_of(facts["camera"], settings)
     video = inspect_video(folder / VIDEO)
     finder = HandFinder(camera, arm.markers, arm.marker_dictionary, 0.0)
-    monitor = TimedMonitor(LedSettings(x_m=kind.place_m[0], y_m=kind.place_m[1], gamma=gamma), camera)
+    monitor = TimedMonitor(LedSettings(place_m=kind.place_m, gamma=gamma), camera)
     with Crops(tabulate(camera, 0.0), 0.3) as crops:
         decoded = decode(folder / VIDEO, video, finder, crops, TrackSettings().background_frames, monitor)
     time_s = camera_times(video)
@@ -201,7 +200,7 @@ def offsets_of(
 ) -> dict[str, tuple[float, float]]:
     """Return error and standard error of the middle offset: LED alone, fit alone, both."""
     log, recorded = throw.record.log, throw.record.sync_events
-    led = LedSettings(x_m=0.0, y_m=0.0, latency_s=latency_s, latency_sd_s=latency_sd_s)
+    led = LedSettings(place_m=(0.0, 0.0), latency_s=(latency_s, latency_sd_s))
     found: dict[str, tuple[float, float]] = {}
     pairs = pair_led(throw.led.events, led_events(log, recorded), led, None).events
     if pairs:

@@ -71,7 +71,7 @@ def test_the_papers_method_is_the_papers(plan):
     settings = settings_of(plan, PaperCase("paper", 101, 5, 3, "paper"))
     assert settings["start_string"] == "minima"
     assert settings["plan"]["duration_s"] == [0.2, 1.2]
-    assert settings["plan"]["use_servo"] is False
+    assert settings["plan"]["planner"] == "paper"
     wanted = {"search": "paper", "ranges": "paper", "trials": "latest", "horizon_s": None}
     assert wanted.items() <= settings["estimate"].items()
     assert "estimate" not in settings_of(plan, PaperCase("paper", 101, 5, 3, "default"))

@@ -6,23 +6,15 @@ from strandcast.estimation.evaluation import Array
 from strandcast.estimation.fit_objective import EvaluationLog
 from strandcast.estimation.optimisers.optimiser import SearchProblem
 
-BATCH = 16  # candidates evaluated together, after which a running centre may move (chosen)
+CHI_0, BETA = 1.0, 0.999  # not printed in the paper; beta is "slightly less than 1"
+BATCH = 16  # candidates evaluated together, after which the centre may move (chosen)
 
 
 def search_like_the_paper(problem: SearchProblem, log: EvaluationLog) -> bool:
     """Search as the paper does, around the previous estimate or, without one, a random string."""
-    space, previous, paper = problem.objective.space, problem.start.previous, problem.settings.paper
+    space, previous = problem.objective.space, problem.start.previous
     centre = problem.rng.random(space.dimension) if previous is None else space.chi_of(previous.take(0))[0]
-    shrinking_search(
-        log,
-        centre,
-        problem.evaluations,
-        problem.rng,
-        trials=problem.start.trials,
-        centre=paper.centre,
-        chi_0=paper.chi_0,
-        beta=paper.beta,
-    )
+    shrinking_search(log, centre, problem.evaluations, problem.rng, trials=problem.start.trials)
     return False
 
 
@@ -33,9 +25,8 @@ def shrinking_search(
     rng: np.random.Generator,
     *,
     trials: int = 1,
-    centre: str = "running",
-    chi_0: float = 1.0,
-    beta: float = 0.999,
+    chi_0: float = CHI_0,
+    beta: float = BETA,
 ) -> None:
     """Shrinking random search, eq. (3): chi_m = chi_best + chi_0 / M beta^m RAND(-1, 1), clipped to [0, 1].
 
@@ -44,18 +35,16 @@ def shrinking_search(
     log
         Evaluates candidates and remembers them.
     chi_best
-        (d,) centre: the estimate after the previous trial.
+        (d,) first centre: the estimate after the previous trial. It moves to the best found so far, batch by
+        batch: fixed, as printed, it is much worse.
     evaluations
         Number of parameter changes m.
     rng
         Source of randomness.
     trials
         M, the number of real trials so far.
-    centre
-        ``fixed``: chi_best stays the previous estimate, as printed. ``running``: it moves to the best found
-        so far, batch by batch.
     chi_0, beta
-        Not printed in the paper; beta is "slightly less than 1".
+        Largest first change of a parameter, as a share of its range, and the factor by which it shrinks.
     """
     start = log.count
     best_chi, best_value = np.clip(chi_best, 0.0, 1.0), float(log(chi_best[None])[0])
@@ -63,7 +52,7 @@ def shrinking_search(
         m = np.arange(done, min(done + BATCH, evaluations))
         reach = chi_0 / trials * beta ** m[:, None]
         step = reach * rng.uniform(-1.0, 1.0, (len(m), len(chi_best)))
-        candidates = np.clip((best_chi if centre == "running" else chi_best) + step, 0.0, 1.0)
+        candidates = np.clip(best_chi + step, 0.0, 1.0)
         values = log(candidates)
         k = int(np.argmin(values))
         if values[k] < best_value:

@@ -82,7 +82,7 @@ def window_of(led: LedSettings, camera: Camera) -> tuple[int, int, int, int]:
     if led.box_px is not None:
         left, top, right, bottom = led.box_px
     else:
-        place_m = np.array([led.x_m, led.y_m])
+        place_m = np.array(led.place_m)
         middle = metre_to_pixel(camera, place_m, camera.string_offset_m)
         scale = metre_per_pixel(camera, place_m, camera.string_offset_m)
         half = max(led.radius_m / float(scale), SMALLEST_PX)

@@ -7,7 +7,7 @@ import numpy as np
 
 from strandcast.arm.dynamics import chain_torques
 from strandcast.arm.load import PlanarArm
-from strandcast.config.plan import ENSEMBLE_DURATION_S, PlanSettings
+from strandcast.config.plan import PlanSettings
 from strandcast.core.trajectory import JointTrajectory
 from strandcast.planning.bezier import Curve, rest_heights, sample, whole_steps
 from strandcast.planning.paths import WITHIN
@@ -15,7 +15,7 @@ from strandcast.planning.paths import WITHIN
 FREE_HEIGHTS = PlanSettings().control_points
 # A Bezier curve stays below its heights: the planner's go up to 1.75 times the limit of the speed.
 HEIGHT_PER_LIMIT = 2.0
-LONGEST_S = ENSEMBLE_DURATION_S[1]
+SHORTEST_S, LONGEST_S = PlanSettings().duration_s
 RATE_HZ = 100
 # A motion that asks for too much torque is slowed by this factor, so often at most; chosen.
 SLOWED, SLOWING = 0.8, 12
@@ -37,8 +37,7 @@ def curve_asked(arm: PlanarArm, action: np.ndarray) -> JointTrajectory:
     """Return the rest-to-rest Bezier curve of an action of `curve_shape`."""
     step_s, joints = 1.0 / arm.log_rate_hz, len(arm.joints)
     heights, posture, time = np.split(action.astype(float), [joints * FREE_HEIGHTS, -1])
-    shortest_s, longest_s = ENSEMBLE_DURATION_S
-    duration_s = whole_steps(shortest_s + 0.5 * (time[0] + 1.0) * (longest_s - shortest_s), step_s)
+    duration_s = whole_steps(SHORTEST_S + 0.5 * (time[0] + 1.0) * (LONGEST_S - SHORTEST_S), step_s)
     scale = HEIGHT_PER_LIMIT * arm.limits.velocity_rad_s[:, None]
     free = heights.reshape(joints, FREE_HEIGHTS) * scale
     return sample(Curve(_posture(arm, posture), duration_s, rest_heights(free)), step_s)
@@ -46,11 +45,10 @@ def curve_asked(arm: PlanarArm, action: np.ndarray) -> JointTrajectory:
 
 def curve_action(arm: PlanarArm, curve: Curve) -> np.ndarray:
     """Return the action that asks for a rest-to-rest curve; the inverse of `curve_asked`."""
-    shortest_s, longest_s = ENSEMBLE_DURATION_S
     heights = curve.heights_rad_s[:, 2:-2] / (HEIGHT_PER_LIMIT * arm.limits.velocity_rad_s[:, None])
     low, high = arm.limits.lower_rad, arm.limits.upper_rad
     posture = (2.0 * curve.q0_rad - low - high) / (high - low)
-    time = 2.0 * (curve.duration_s - shortest_s) / (longest_s - shortest_s) - 1.0
+    time = 2.0 * (curve.duration_s - SHORTEST_S) / (LONGEST_S - SHORTEST_S) - 1.0
     return np.concatenate([heights.ravel(), posture, [time]]).astype(np.float32)
 
 

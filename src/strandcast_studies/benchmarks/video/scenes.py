@@ -131,8 +131,7 @@ def experiment_of(case: VideoCase) -> Experiment:
             "lab": {
                 "string": case.string,
                 "camera": {
-                    "width_px": SIZE_PX[0],
-                    "height_px": SIZE_PX[1],
+                    "size_px": SIZE_PX,
                     "frame_rate_hz": FRAME_RATE_HZ,
                     "exposure_s": case.exposure_s,
                     "noise_grey": case.noise_grey,
