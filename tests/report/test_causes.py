@@ -16,7 +16,8 @@ from strandcast.report.facts import Facts
 from strandcast.report.panels.next_motion import next_motion
 from strandcast.report.panels.page_data import TrialPageData
 from strandcast.report.panels.parameters import parameters
-from strandcast.report.panels.rig import rig
+from strandcast.report.panels.registry import panels_of
+from strandcast.report.panels.slip import slip_panel
 from strandcast.report.results import TrialResults, read_results
 from strandcast.report.text import methods, uncertain_verdict, verdict_badge
 from strandcast.report.trial_page import trial_page
@@ -78,13 +79,12 @@ def test_a_slip_in_the_clamp_is_named_with_its_length_and_time(good):
     assert checks["track: string held by the clamp"].state == WARN
     length = checks["track: length of the string"]
     assert (length.state, "at rest →" in length.found) == (WARN, True)
-    choices = {"length_m": 0.5, "length_sigma_m": 0.005}
-    content = rig(TrialPageData(with_record(bad, "track_summary", choices=choices)))
+    content = slip_panel(TrialPageData(bad))
     assert content.drawing is not None
-    (row,) = (row for row in content.tables[0].rows if row[0] == "grasp: length out of the clamp")
-    assert "look" in row[1]
-    assert "at rest →" in row[2]
-    assert rig(TrialPageData(good)).drawing is None
+    assert "at rest →" in content.finding
+    (panel,) = (each for each in panels_of("trial") if each.name == "slip")
+    assert panel.shown(TrialPageData(bad))
+    assert not panel.shown(TrialPageData(good))
 
 
 def test_a_small_slip_is_within_what_grasps_differ_by(good):
@@ -131,9 +131,7 @@ def test_every_fault_that_a_stage_names_is_among_the_causes(good):
     assert [cause.what for cause in probable_causes(right)] == [scale.what]
     checks = {check.name: check.state for check in run_checks(bad, None)}
     assert checks["track: length of the string"] == WARN
-    finding = rig(TrialPageData(bad)).finding
-    assert "arm and its files" in finding
-    assert "grasp: length out of the clamp" in finding
+    assert checks["alignment: arm and its files"] == WARN
 
 
 def test_a_rope_that_leaves_the_clamp_sideways_has_not_slipped(good):

@@ -231,7 +231,7 @@ def _slip(results: TrialResults) -> Iterator[Cause]:
             "clamp the string harder, exclude this trial (strandcast exclude), measure string.length_m "
             "again and "
             "repeat the throw; a rubber-like string that stretches looks the same",
-            "rig",
+            "slip",
             "clamp the string harder and throw again",
             f"Do not use: the string slipped out of the clamp by {millimetres(slip.rise_m, digits=0)} during "
             "the throw, and the fit takes one length for all of it.",

@@ -1,6 +1,8 @@
 """All checks of one trial, each with its result."""
 
 from collections.abc import Callable
+from functools import partial
+from operator import attrgetter
 from pathlib import Path
 from typing import NamedTuple
 
@@ -9,6 +11,7 @@ import numpy as np
 from strandcast.errors import StrandcastError
 from strandcast.records.motion import Motion
 from strandcast.report.causes import (
+    arm_faults,
     caveat,
     least_slip_m,
     length_fault,
@@ -17,9 +20,15 @@ from strandcast.report.causes import (
     slipped,
 )
 from strandcast.report.measures import fitted_rows
-from strandcast.report.numbers import millimetres, milliseconds, percent
+from strandcast.report.numbers import millimetres, milliseconds, percent, scaled
 from strandcast.report.results import FILES, TrialResults
-from strandcast.report.rig_limits import MOST_DRIFT, MOST_LENS_RMS_PX, MOST_PLANE_RMS_PX
+from strandcast.report.rig_limits import (
+    LEAST_MARKER_FRACTION,
+    MOST_DRIFT,
+    MOST_LENS_RMS_PX,
+    MOST_PLANE_RMS_PX,
+    MOST_SERVO_RESIDUAL_RAD,
+)
 from strandcast.report.text import warnings_of
 
 STATES = FAIL, WARN, NOT_RUN, PASS = "FAIL", "WARN", "NOT RUN", "PASS"  # the gravest first
@@ -27,31 +36,45 @@ STATES = FAIL, WARN, NOT_RUN, PASS = "FAIL", "WARN", "NOT RUN", "PASS"  # the gr
 MISS, PREDICTION, NEXT_THROW = NUMBERS = "the miss", "the predicted miss", "the next throw"
 OF_A_CAPTURE = {MISS: "the measured motion", NEXT_THROW: "the fit"}
 NEXT_MOTION = "next motion"
+FINE = partial(millimetres, digits=2)
 LEAST_ROOM_M = 0.01  # chosen: throws of one motion differ by millimetres
 
 
 class CheckResult(NamedTuple):
-    """One check on the page: its name, its state, what was found, what is expected, what it would doubt."""
+    """One check on the page: its name, its state, what was found, what is expected, what it would doubt.
+
+    `otherwise` is what to do if it does not pass.
+    """
 
     name: str
     state: str
     found: str
     expected: str
     doubted: str = MISS
+    otherwise: str = ""
 
 
 CheckOutcome = tuple[bool, str, str]  # whether it is good, what was found, what is expected
 TrialCheck = Callable[[TrialResults], CheckOutcome | None]  # None: there is nothing to check
 
 
-def run_checks(results: TrialResults, next_motion: Path | None) -> list[CheckResult]:
-    """Return the checks of one trial; a check that could not run gives the reason."""
+def run_checks(
+    results: TrialResults, next_motion: Path | None, previous: TrialResults | None = None
+) -> list[CheckResult]:
+    """Return the checks of one trial; a check that could not run gives the reason.
+
+    `previous` is the trial before, in which the string may have been longer.
+    """
     aimed = results.aimed()
     checks = [_read(results), *_warned(results)]
+    since = partial(_slipped_since, previous)
+    slipped = Check(
+        NEXT_THROW, "grasp: slipped since the trial before", since, f"{HARDER}, or exclude the trial"
+    )
     checks += [
-        _run(name, severity, check, results)._replace(doubted=doubted)
-        for doubted, name, severity, check in CHECKS
-        if aimed or check not in AIMED
+        _run(each, results)
+        for each in (*CHECKS, *([slipped] if previous else []))
+        if aimed or each.test not in AIMED
     ]
     if not aimed:
         return [each._replace(doubted=OF_A_CAPTURE.get(each.doubted, each.doubted)) for each in checks]
@@ -83,15 +106,16 @@ def _warned(results: TrialResults) -> list[CheckResult]:
     return found or [CheckResult(name, PASS, "none", "none")]
 
 
-def _run(name: str, severity: str, check: TrialCheck, results: TrialResults) -> CheckResult:
+def _run(check: "Check", results: TrialResults) -> CheckResult:
+    of = {"doubted": check.doubted, "otherwise": check.otherwise}
     try:
-        outcome = check(results)
+        outcome = check.test(results)
     except StrandcastError as problem:
-        return CheckResult(name, NOT_RUN, problem.what, "")
+        return CheckResult(check.name, NOT_RUN, problem.what, "", **of)
     if outcome is None:
-        return CheckResult(name, NOT_RUN, "nothing to check", "")
+        return CheckResult(check.name, NOT_RUN, "nothing to check", "", **of)
     good, found, expected = outcome
-    return CheckResult(name, PASS if good else severity, found, expected)
+    return CheckResult(check.name, PASS if good else check.severity, found, expected, **of)
 
 
 def _next_motion(path: Path | None, caveat: str | None) -> CheckResult:
@@ -155,24 +179,27 @@ def _played(results: TrialResults) -> CheckOutcome | None:
     return planned == played, f"planned {planned[:12]}…, played {played[:12]}…", "the same hash"
 
 
-def _lens(results: TrialResults) -> CheckOutcome:
-    rms_px = results.need("camera").lens.rms_px
-    return rms_px <= MOST_LENS_RMS_PX, f"{rms_px:.3f} px", f"≤ {MOST_LENS_RMS_PX:g} px rms"
+def _at_most(record: str, field: str, most: float, text: Callable[[float], str], unit: str) -> TrialCheck:
+    """Return the check of a number of a record."""
+
+    def check(results: TrialResults) -> CheckOutcome | None:
+        found = attrgetter(field)(results.need(record))
+        return None if found is None else (found <= most, text(found), f"≤ {most:g}{unit}")
+
+    return check
 
 
-def _plane(results: TrialResults) -> CheckOutcome:
-    rms_px = results.need("camera").plane_rms_px
-    return rms_px <= MOST_PLANE_RMS_PX, f"{rms_px:.3f} px", f"≤ {MOST_PLANE_RMS_PX:g} px rms"
+def _share(field: str, least: float) -> TrialCheck:
+    """Return the check of a share of points without a flag, or of a film's frames; a supplied track has none."""
+    of = "points without a flag" if field == "tracked_fraction" else "frames"
 
+    def check(results: TrialResults) -> CheckOutcome | None:
+        found = getattr(results.need("track_summary"), field)
+        if of == "frames" and results.supplied():
+            return None
+        return found >= least, percent(found), f"≥ {100 * least:g} % of {of}"
 
-def _tracked(results: TrialResults) -> CheckOutcome:
-    fraction = results.need("track_summary").tracked_fraction
-    return fraction >= 0.8, percent(fraction), "≥ 80 % of points without a flag"
-
-
-def _sigma(results: TrialResults) -> CheckOutcome:
-    sigma_m = results.need("track_summary").median_sigma_m
-    return sigma_m <= 0.003, millimetres(sigma_m, digits=2), "≤ 3 mm (median σ)"
+    return check
 
 
 def _length(results: TrialResults) -> CheckOutcome | None:
@@ -203,24 +230,52 @@ def _tip(results: TrialResults) -> CheckOutcome:
     return verdict.miss_m is not None, found, "tip detected at the closest approach"
 
 
-def _offset(results: TrialResults) -> CheckOutcome | None:
-    error_s = results.need("alignment").offset_se_s
-    if error_s is None:
-        return None
-    return error_s <= 0.002, f"± {milliseconds(error_s)}", "≤ 2 ms (standard error)"
-
-
 def _drift(results: TrialResults) -> CheckOutcome:
-    drift = results.need("alignment").drift
-    found = f"{drift * 1e6:.1f} ppm".replace("-", "−")
-    return abs(drift) <= MOST_DRIFT, found, f"≤ {MOST_DRIFT * 1e6:g} ppm"
+    fit = results.need("alignment")
+    found = scaled(fit.drift, 1e6, 1, "ppm", fit.drift_se)
+    return abs(fit.drift) <= MOST_DRIFT, found, f"≤ {MOST_DRIFT * 1e6:g} ppm"
 
 
-def _hand(results: TrialResults) -> CheckOutcome | None:
-    residual_m = results.need("alignment").residual_rms_m
-    if residual_m is None:
+def _arm_and_files(results: TrialResults) -> CheckOutcome | None:
+    if results.need("alignment").source != "fit":
         return None
-    return residual_m <= 0.005, millimetres(residual_m, digits=2), "≤ 5 mm rms"
+    faults = arm_faults(results)
+    found = "; ".join(f"{fault.what}: {fault.fix}" for fault in faults) or "as the video shows the hand"
+    return not faults, found, "no number contradicts the video"
+
+
+def _moved(results: TrialResults) -> CheckOutcome | None:
+    shift_m = results.need("alignment").base_shift_m
+    if shift_m is None:
+        return None
+    found = ", ".join(millimetres(value, digits=2) for value in shift_m) + " in x, y"
+    return float(np.hypot(*shift_m)) <= 2e-3, found, "≤ 2 mm since the calibration"
+
+
+def _misread(results: TrialResults) -> CheckOutcome | None:
+    markers = results.need("alignment").markers
+    wrong, sightings = (sum(getattr(each, name) for each in markers) for name in ("wrong", "sightings"))
+    found = f"{wrong} of {sightings} detections rejected"
+    return (wrong <= 0.05 * sightings, found, "≤ 5 %") if sightings else None
+
+
+def _slipped_since(previous: TrialResults | None, results: TrialResults) -> CheckOutcome | None:
+    both = [None if one is None else one.get("track_summary") for one in (previous, results)]
+    before_m, length_m = (None if one is None else one.choices.get("length_m") for one in both)
+    if not (isinstance(before_m, float) and isinstance(length_m, float)):
+        return None
+    return abs(length_m - before_m) <= 5e-3, millimetres(length_m - before_m), "≤ 5 mm"
+
+
+def _servo(results: TrialResults) -> CheckOutcome | None:
+    servo = results.need("estimate").servo
+    left = [] if servo is None else [value for value in servo.residual_rad if value is not None]
+    if not left:
+        return None
+    lags = "" if servo.lag_s is None else f"lag {', '.join(f'{1e3 * lag:.0f}' for lag in servo.lag_s)} ms; "
+    what = "mrad rms unexplained"
+    found = f"{lags}{max(left) * 1e3:.1f} {what} at worst"
+    return max(left) <= MOST_SERVO_RESIDUAL_RAD, found, f"≤ {1e3 * MOST_SERVO_RESIDUAL_RAD:g} {what}"
 
 
 def _fit(results: TrialResults) -> CheckOutcome:
@@ -258,24 +313,48 @@ DOUBTED_BY = {
     FILES["motion"]: PREDICTION,
 }
 
-CHECKS: list[tuple[str, str, str, TrialCheck]] = [
-    (MISS, "video: frames decoded", FAIL, _frames),
-    (MISS, "video: packets against header", WARN, _header),
-    (MISS, "video: gaps and duplicates", WARN, _video_gaps),
-    (NEXT_THROW, "joint log: gaps and duplicates", WARN, _log_gaps),
-    (PREDICTION, "played motion is the planned one", FAIL, _played),
-    (MISS, "calibration: lens", WARN, _lens),
-    (MISS, "calibration: plane of motion", WARN, _plane),
-    (MISS, "track: points detected", WARN, _tracked),
-    (MISS, "track: σ", WARN, _sigma),
-    (NEXT_THROW, "track: length of the string", WARN, _length),
-    (NEXT_THROW, "track: string held by the clamp", WARN, _slip),
-    (MISS, "track: tip at the closest approach", WARN, _tip),
-    (NEXT_THROW, "alignment: offset's error", WARN, _offset),
-    (NEXT_THROW, "alignment: drift", WARN, _drift),
-    (MISS, "alignment: hand's residual", WARN, _hand),
-    (NEXT_THROW, "estimate: E after the fit", WARN, _fit),
-    (PREDICTION, "motion played: folding", WARN, _bend),
+
+class Check(NamedTuple):
+    """A check: what it may doubt, its name, the test, what to do if it is not passed, and how grave that is."""
+
+    doubted: str
+    name: str
+    test: TrialCheck
+    otherwise: str = ""
+    severity: str = WARN
+
+
+LIGHT, HARDER = "more light, shorter exposure, larger markers", "clamp the string harder"
+LENS = _at_most("camera", "lens.rms_px", MOST_LENS_RMS_PX, "{:.3f} px".format, " px rms")
+PLANE = _at_most("camera", "plane_rms_px", MOST_PLANE_RMS_PX, "{:.3f} px".format, " px rms")
+OFFSET = _at_most("alignment", "offset_se_s", 0.002, lambda s: f"± {milliseconds(s)}", " s (standard error)")
+SIGMA = _at_most("track_summary", "median_sigma_m", 0.003, FINE, " m (median σ)")
+HAND = _at_most("alignment", "residual_rms_m", 0.005, FINE, " m rms")
+
+CHECKS = [
+    Check(MISS, "video: frames decoded", _frames, severity=FAIL),
+    Check(MISS, "video: packets against header", _header),
+    Check(MISS, "video: gaps and duplicates", _video_gaps, "a faster disk or link, a lower frame rate"),
+    Check(NEXT_THROW, "joint log: gaps and duplicates", _log_gaps),
+    Check(PREDICTION, "played motion is the planned one", _played, severity=FAIL),
+    Check(MISS, "calibration: lens", LENS),
+    Check(MISS, "calibration: plane of motion", PLANE),
+    Check(MISS, "hand's markers: seen", _share("marker_fraction", LEAST_MARKER_FRACTION), LIGHT),
+    Check(MISS, "hand's markers: misread", _misread, LIGHT),
+    Check(MISS, "track: points detected", _share("tracked_fraction", 0.8)),
+    Check(MISS, "track: tip seen", _share("tip_fraction", 0.9), "a plain background, a brighter string"),
+    Check(MISS, "track: σ", SIGMA),
+    Check(NEXT_THROW, "track: length of the string", _length),
+    Check(NEXT_THROW, "track: string held by the clamp", _slip, HARDER),
+    Check(MISS, "track: tip at the closest approach", _tip),
+    Check(NEXT_THROW, "alignment: offset's error", OFFSET, "a faster motion of the hand, or a lit LED"),
+    Check(NEXT_THROW, "alignment: drift", _drift, "check the frame rate that the camera reports"),
+    Check(MISS, "alignment: hand's residual", HAND),
+    Check(NEXT_THROW, "alignment: arm and its files", _arm_and_files),
+    Check(MISS, "alignment: camera or base moved", _moved, "photograph the plane again"),
+    Check(NEXT_THROW, "estimate: E after the fit", _fit),
+    Check(NEXT_THROW, "servo", _servo, "check payload and limits: a joint may have saturated"),
+    Check(PREDICTION, "motion played: folding", _bend),
 ]
 
 AIMED = (_tip, _played, _bend)  # checks of a throw at a target

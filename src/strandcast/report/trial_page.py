@@ -47,7 +47,7 @@ def trial_page(
     named = {cause.anchor for cause in causes}
     made = make_sections(panels_of("trial"), page, unfolded=named)
     lead, sections = without_lead([each for each in made if excluded is None or not each.optional])
-    checks = run_checks(results, next_motion)
+    checks = run_checks(results, next_motion, before)
     verdict, upcoming = results.get("verdict"), readable_motion(next_motion)
     groups = version_groups({folder.name: results})
     return render(

@@ -15,8 +15,9 @@ def quality(page: ExperimentPageData) -> PanelContent:
     """Return the matrix of trials and checks; a mark leads to the checks on the trial's page."""
     trials = list(page.trials)
     by_check: dict[str, dict[int, str]] = {}
-    for trial, results in page.trials.items():
-        for check in run_checks(results, None):
+    pairs = zip((None, *page.trials.values()), page.trials.items(), strict=False)
+    for before, (trial, results) in pairs:
+        for check in run_checks(results, None, before):
             if check.name == NEXT_MOTION:  # it has its own section
                 continue
             by_check.setdefault(check.name, {})[trial] = check.state

@@ -5,6 +5,7 @@ from typing import Any, Literal
 
 from strandcast.core.registry import Registry
 from strandcast.errors import StrandcastError
+from strandcast.report.causes import slip_words
 from strandcast.report.panels.alignment import alignment
 from strandcast.report.panels.budget import budget
 from strandcast.report.panels.calibration import calibration
@@ -21,8 +22,8 @@ from strandcast.report.panels.predicted import next_throw, predicted_throw
 from strandcast.report.panels.predictions import predictions
 from strandcast.report.panels.progress import evaluations, misses
 from strandcast.report.panels.quality import quality
-from strandcast.report.panels.rig import rig
 from strandcast.report.panels.rig_offsets import compares_arm, rig_offsets
+from strandcast.report.panels.slip import slip_panel
 from strandcast.report.panels.space_views import turnable, two_views
 from strandcast.report.panels.strobe import strobe
 from strandcast.report.panels.strobe_picture import strobe_picture
@@ -177,7 +178,12 @@ TRIAL_PANELS = [
         bad="one part is larger than the hit radius.",
         shown=_planned,
     ),
-    Panel("rig", "Health of the rig", rig, shown=_from_video),
+    Panel(
+        "slip",
+        "The string slipped out of the clamp",
+        slip_panel,
+        shown=lambda page: slip_words(page.results) is not None,
+    ),
     Panel(
         "hand",
         "Hand path: commanded, measured, by camera",
@@ -319,17 +325,10 @@ EXPERIMENT_PANELS = [
     ),
     Panel(
         "hands",
-        "Hand paths, first throw and hit",
+        "Hand paths, first and last trial or hit",
         hand_paths,
         caption="Squares: where the motion starts. Grey: the trials between.",
-        shown=lambda page: page.aimed and not page.in_space,
-    ),
-    Panel(
-        "hand-paths",
-        "Hand paths, first and last trial",
-        hand_paths,
-        caption="Squares: where the motion starts. Grey: the trials between.",
-        shown=lambda page: not page.aimed and not page.in_space,
+        shown=lambda page: not page.in_space,
     ),
     Panel(
         "tips",
