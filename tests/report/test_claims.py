@@ -402,13 +402,14 @@ def test_every_table_is_a_csv_within_the_page(drawn: str) -> None:
     assert len(links) == drawn.count("<thead>")
     text = dict(links)["checks.csv"]
     lines = list(csv.reader(io.StringIO(unquote(text))))
-    assert lines[0] == ["check", "result", "found", "expected", "bears on"]
+    assert lines[0] == ["check", "result", "found", "expected", "bears on", "otherwise"]
     assert [
         "video: frames decoded",
         "PASS",
         "500 decoded, 500 expected",
         "as many as the manifest says",
         "the miss",
+        "",
     ] in lines
     assert unquote(str(csv_link([["=1+1"]], ["a"], "x"))).count("'=1+1") == 1
 

@@ -67,10 +67,8 @@ def run_checks(
     """
     aimed = results.aimed()
     checks = [_read(results), *_warned(results)]
-    since = partial(_slipped_since, previous)
-    slipped = Check(
-        NEXT_THROW, "grasp: slipped since the trial before", since, f"{HARDER}, or exclude the trial"
-    )
+    name, since = "grasp: slipped since the trial before", partial(_slipped_since, previous)
+    slipped = Check(NEXT_THROW, name, since, f"{HARDER}, or exclude the trial")
     checks += [
         _run(each, results)
         for each in (*CHECKS, *([slipped] if previous else []))
@@ -190,7 +188,7 @@ def _at_most(record: str, field: str, most: float, text: Callable[[float], str],
 
 
 def _share(field: str, least: float) -> TrialCheck:
-    """Return the check of a share of points without a flag, or of a film's frames; a supplied track has none."""
+    """Return the check of a share of points without a flag, or of the frames of a film."""
     of = "points without a flag" if field == "tracked_fraction" else "frames"
 
     def check(results: TrialResults) -> CheckOutcome | None:
@@ -315,7 +313,7 @@ DOUBTED_BY = {
 
 
 class Check(NamedTuple):
-    """A check: what it may doubt, its name, the test, what to do if it is not passed, and how grave that is."""
+    """A check: what it may doubt, its name, the test, what to do if it fails, and how grave that is."""
 
     doubted: str
     name: str
