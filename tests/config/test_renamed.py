@@ -166,8 +166,8 @@ def test_readings_of_the_papers_method_are_fixed(tmp_path, caplog):
             "estimate:\n  {}\nseed: 3\n",
         ),
         (
-            "estimate:\n  rest_curl: false  # a chain\n  w: 0.2\n",
-            "estimate:\n  forces: [drag_along]  # a chain\n  w: 0.2\n",
+            "estimate:\n  rest_curl: false  # a chain\n  dt_s: 0.002\n",
+            "estimate:\n  forces: [drag_along]  # a chain\n  dt_s: 0.002\n",
         ),
         ("estimate: {search: 'cma'}\r\n", "estimate: {search: thorough}\r\n"),
     ],

@@ -12,8 +12,8 @@ HEAD = "string: {length_m: 0.3}\ntarget_m: [0.5, 0.5]\n"
 @pytest.mark.parametrize(("hand", "tracker"), [("pivot", "pendulum"), ("marker", "chain")])
 def test_hand_names_a_tracker(tmp_path, caplog, hand, tracker):
     path = tmp_path / "experiment.yaml"
-    path.write_text(HEAD + f"track: {{hand: {hand}, background_frames: 30}}\n")
-    assert load_experiment(path).track == TrackSettings(tracker=tracker, background_frames=30)
+    path.write_text(HEAD + f"track: {{hand: {hand}, polarity: dark}}\n")
+    assert load_experiment(path).track == TrackSettings(tracker=tracker, polarity="dark")
     assert f"{path}:3: track.hand is now called track.tracker" in caplog.text
 
 

@@ -44,7 +44,7 @@ def fitted_and_predicted(folder, cable, seed=1, **options):
     model = StringModel(length_m, 10, dt_s=2e-3)
     layout = mass_layout(length_m, 10, [length_m], None, "own")
     swing, driven = series(folder, "free_swing", cable, length_m), series(folder, "dynamic", cable, length_m)
-    settings = EstimateSettings(evaluations=1500, ranges=RANGES, w=0.0, profiles=False, **options)
+    settings = EstimateSettings(evaluations=1500, ranges=RANGES, profiles=False, **options)
     fit = estimate_throws([swing], model, layout, settings, np.random.default_rng(seed))
     prepared = prepare(driven, model.places_m())
     predicted, _ = simulate_throw(model, prepared, fit.best)

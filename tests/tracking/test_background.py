@@ -28,7 +28,7 @@ def test_a_string_at_rest_most_of_the_time_is_not_background():
 
 
 def test_samples_are_spread_and_bounded():
-    samples = Samples(packets=1000, frames=40, frame_bytes=3_000_000)
+    samples = Samples(packets=1000, frame_bytes=3_000_000)
     for index in range(1000):
         samples.offer(index, np.zeros((2, 2), np.uint8))
     assert len(samples.pictures) * 3_000_000 <= 130e6

@@ -163,7 +163,7 @@ def test_all_evidence_is_reported_together(scene):
     scenes = [there] * 6 + [gone] * 6
     pictures = [np.clip(s + rng.normal(0, 2.5, s.shape), 0, 255).astype(np.uint8) for s in scenes]
     tip = TipPath(TIME_S, straight_tip(0.0) + TARGET_M, np.ones(len(TIME_S), bool), 0.002)
-    camera, samples = scene.flat_camera(), Samples(12, 12, 1)
+    camera, samples = scene.flat_camera(), Samples(12, 1)
     samples.pictures, samples.indices = pictures, (18 * np.arange(12)).tolist()
     assert detect_contact(tip, None, camera, samples) is None
     assert detect_contact(tip, target, camera, samples).evidence == ["outlines", "target"]

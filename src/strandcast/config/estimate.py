@@ -20,7 +20,6 @@ IN_SPACE: dict[str, Any] = {
     "search": "screened",
     "evaluations": 6000,
     "older_trials_weight": 1.0,
-    "w": 0.0,
     "dt_s": 2e-3,
     "clamp_offset": True,
     "clamp_offset_sd_rad": None,
@@ -59,11 +58,6 @@ class EstimateSettings(Section):
         0.6,
         description="Weight of a trial relative to the next one (in space 1). Raise it to 1 if the string "
         "surely stays the same; lower it if it wears or slips.",
-    )
-    w: Annotated[float, Field(ge=0, le=10)] = Field(
-        0.1,
-        description="Weight of point i in eq. 6: 1 + w (i - 1) (in space w = 0). Raise it if only the tip "
-        "matters; 0 weights all alike.",
     )
     ranges: Ranges = Field(
         "wide",

@@ -64,14 +64,10 @@ class LabScatter(Section):
     joint_zero_rad: float = _sd(0.001, "Zero positions of the joints")
     servo_gain: float = _sd(0.01, "Relative gain of the servo")
     joint_log_rad: float = _sd(0.0005, "Noise of the logged angles")
-    heavy_tails: bool = Field(
-        False,
-        description="Draw from Student's t with 4 degrees of freedom.",
-    )
-    drawn: bool = Field(
-        False,
-        description="Draw each size by name and seed, from 0.3 to 3 times the one given, and heavy tails "
-        "half the time.",
+    draws: Literal["normal", "heavy_tails", "unknown_rig"] = Field(
+        "normal",
+        description="normal; heavy_tails: Student's t with 4 degrees of freedom; unknown_rig: sizes by name "
+        "and seed, from 0.3 to 3 times those given, and heavy tails half the time.",
     )
 
 

@@ -53,10 +53,14 @@ MERGED = (
     Merged("lab.camera", ("width_px", "height_px"), "size_px", LAB_SIZE_PX),
 )
 
+OF_THE_PAPER = ("evaluation", "reading", "free_end", "joints", "paper", "w")
 # Names of version 0.1, accepted by 0.2.
 RENAMED: tuple[Renamed, ...] = (
     Renamed("track.hand", "track.tracker", {"marker": "chain", "pivot": "pendulum"}),
     Renamed("schema_version", None),
+    Renamed("lab.scatter.heavy_tails", "lab.scatter.draws", {True: "heavy_tails", False: "normal"}),
+    Renamed("lab.scatter.drawn", "lab.scatter.draws", {True: "unknown_rig", False: "normal"}),
+    Renamed("track.background_frames", None),
     Renamed("cameras.*.scale", None),
     *(Renamed(f"cameras.*.{name}", "cameras.*.lens") for name in ("lens_photos", "lens_video", "lens_file")),
     Renamed("plan.finer", None),
@@ -68,7 +72,7 @@ RENAMED: tuple[Renamed, ...] = (
     Renamed("estimate.integrator", None),
     Renamed("estimate.find_weights", None),
     # Of the paper's method, which is one setting.
-    *(Renamed(f"estimate.{name}", None) for name in ("evaluation", "reading", "free_end", "joints", "paper")),
+    *(Renamed(f"estimate.{name}", None) for name in OF_THE_PAPER),
     Renamed("plan.use_servo", None),
     Renamed("plan.paper", None),
     Renamed("estimate.search", "estimate.search", {"cma": "thorough", "evolution": "thorough"}),

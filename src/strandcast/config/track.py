@@ -16,11 +16,6 @@ class TrackSettings(Section):
         description="chain: markers on the hand and a string; or an installed one. Change it for a "
         "tracker of your own.",
     )
-    background_frames: Annotated[int, Field(ge=5, le=500)] = Field(
-        40,
-        description="Number of frames for the background. Raise it if parts of the arm remain in the "
-        "preview's background.",
-    )
     background_picture: Below | None = Field(
         None,
         description="Picture of the empty scene from the same camera; by default a median over frames. "

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+W = 0.1  # eq. 6, of strings in the plane; chosen, not sensitive: the search's end counts for more
 
 
 def distances(measured: Array, simulated: Array, reading: str = "world") -> Array:

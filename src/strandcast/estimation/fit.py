@@ -173,7 +173,7 @@ def fit_of(
         window_s=(float(newest.time_s[used][0]), float(newest.time_s[used][-1])),
         E_planned_m=planned_value,
         E_m=float(evaluation_of_points(points)),
-        E_weighted_m=float(evaluation_of_points(points, settings.w)),
+        E_weighted_m=float(evaluation_of_points(points, objective.w)),
         E_points_m=points,
         step_change_m=step_change_m,
         rmse_m=rmse(distance),

@@ -44,7 +44,6 @@ from strandcast.video.ingest import camera_times, inspect_video
 # The tracker's lengths were chosen for strings of about half a metre. A film is tracked in units in which its
 # string has this length, be it a hair or a rope, in metres or in pixels.
 NOMINAL_M = 0.5
-BACKGROUND_FRAMES = TrackSettings().background_frames
 PICTURES = 20  # chosen: frames in which the string is searched before it is known where it is held
 LEAST_SHOWN = 5  # chosen: of them must show it
 OTHER_LENGTH = 0.05  # chosen: relative difference from which a length contradicts the film
@@ -96,10 +95,10 @@ def _look(
 ) -> tuple[list[np.ndarray], SeenString]:
     """Return pictures spread over the film, and the string that they show (SC-T004 if there is none)."""
     with open_ingested(file, facts) as opened:
-        samples = Samples(facts.packets, BACKGROUND_FRAMES, opened.info.width * opened.info.height)
+        samples = Samples(facts.packets, opened.info.width * opened.info.height)
         for index, _, image in opened:
             samples.offer(index, eight_bit_of(image, opened.info.max_level))
-    background, _ = learn_background(samples.pictures, BACKGROUND_FRAMES)
+    background, _ = learn_background(samples.pictures)
     some = np.unique(np.linspace(0, len(samples.pictures) - 1, PICTURES).astype(int))
     pictures = [samples.pictures[k] for k in some]
     bare = [without_markers(one, background, known.dictionary) for one in pictures]
@@ -171,10 +170,10 @@ def _tracked(
     extent = box_around(list(ends[0].markers.values())) if isinstance(ends[0], HandFinder) else np.zeros(4)
     exposure_s = known.exposure_s or EXPOSURE_SHARE / facts.frame_rate_hz
     with Crops(tabulate(camera, camera.string_offset_m), CROP_LENGTHS * NOMINAL_M) as crops:
-        decoded = decode(scene.file, facts, finder, crops, BACKGROUND_FRAMES)
+        decoded = decode(scene.file, facts, finder, crops)
         if not any(decoded.hands):
             raise not_held(scene, "what holds it is found in no frame")
-        background = scene_background(decoded.samples, BACKGROUND_FRAMES, None).picture
+        background = scene_background(decoded.samples, None).picture
         background = without_resting_string(background, scene.seen)
         hand = bridge_hand(time_s, decoded.hands)
         given = _given_places(scene, finder.far_m, rows, known.points)

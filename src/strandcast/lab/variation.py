@@ -28,17 +28,17 @@ class ThrowVariation:
 
 def scatter_of(experiment: str, seed: int, lab: LabSettings) -> LabScatter:
     """Return the scatter of an experiment's rig; one that is drawn depends on name and seed alone."""
-    return (
-        drawn_scatter(rng(experiment, seed, 0, "lab-rig"), lab.scatter) if lab.scatter.drawn else lab.scatter
-    )
+    if lab.scatter.draws != "unknown_rig":
+        return lab.scatter
+    return drawn_scatter(rng(experiment, seed, 0, "lab-rig"), lab.scatter)
 
 
 def drawn_scatter(random: np.random.Generator, about: LabScatter = TYPICAL) -> LabScatter:
     """Return the scatter of a rig that nobody knows: each size of its own, heavy tails every other time."""
     low, high = np.log(DRAWN_FACTORS)
-    given = about.model_dump(exclude={"heavy_tails", "drawn"})
+    given = about.model_dump(exclude={"draws"})
     sizes = {name: sd * float(np.exp(random.uniform(low, high))) for name, sd in given.items()}
-    return LabScatter(**sizes, heavy_tails=bool(random.integers(2)))
+    return LabScatter(**sizes, draws="heavy_tails" if random.integers(2) else "normal")
 
 
 def draw_variation(
@@ -47,7 +47,7 @@ def draw_variation(
     """Draw a throw's deviations; `scale` 0: none, 1: those of `scatter`."""
     single = rng.standard_normal(5) * scale
     zero, gain = rng.standard_normal((2, joints)) * scale
-    if scatter.heavy_tails:
+    if scatter.draws == "heavy_tails":
         single, zero, gain = (one * _stretch(rng, len(one)) for one in (single, zero, gain))
     return ThrowVariation(
         grasp_length_m=float(single[0] * scatter.grasp_length_m),

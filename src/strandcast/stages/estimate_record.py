@@ -13,6 +13,7 @@ from strandcast.config.estimate import EstimateSettings
 from strandcast.core.strings import PARAMETERS, StringBatch
 from strandcast.dynamics.masses import MassLayout
 from strandcast.dynamics.model import StringModel
+from strandcast.estimation.evaluation import W
 from strandcast.estimation.fit import StringFit
 from strandcast.estimation.space import Space
 from strandcast.estimation.throws import PreparedThrow
@@ -61,7 +62,7 @@ def estimate_record(
         ranges=settings.ranges if isinstance(settings.ranges, str) else "given",
         start_shape=settings.start_shape,
         evaluation=settings.evaluation,
-        w=settings.w,
+        w=W if fit.space.in_plane else 0.0,
         seed=seed_of(context.name, seed, newest, "estimate"),
         string=StringSet.first_of(fit.best),
         parameters=[

@@ -38,7 +38,7 @@ def run(root: Path, name: str, trial: int) -> list[str]:
     background = given_background(context, facts)
     record = context.folder.camera(context.settings.camera_name)
     camera = Camera.read(record) if record.is_file() else None
-    found = preview(sampled, camera, expected, context.settings.track.background_frames, background)
+    found = preview(sampled, camera, expected, background)
     title = f"{name} trial {trial}: {facts.file}, {facts.packets} frames at {facts.frame_rate_hz:g}/s"
     out = folder.results / "preview.webp"
     write_picture(out, cv2.cvtColor(preview_picture(found, title), cv2.COLOR_RGB2BGR), WEBP_QUALITY)

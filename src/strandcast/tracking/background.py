@@ -8,6 +8,7 @@ from numba import njit
 
 from strandcast.threads import over_ranges
 
+FRAMES = 40  # of the median; chosen, not sensitive: they differ from each other as much as possible
 THUMB_PX = 8  # chosen: frames are compared by the means of squares of this side
 KEPT_BYTES = 120e6  # chosen: of frames held at a time
 STACKED_ROWS = 16  # chosen: rows of all pictures that fit into a processor's cache
@@ -16,8 +17,8 @@ STACKED_ROWS = 16  # chosen: rows of all pictures that fit into a processor's ca
 class Samples:
     """Frames kept during a decoding pass, evenly spread over a known number of frames."""
 
-    def __init__(self, packets: int, frames: int, frame_bytes: int) -> None:
-        wanted = max(8, min(3 * frames, int(KEPT_BYTES / frame_bytes)))
+    def __init__(self, packets: int, frame_bytes: int) -> None:
+        wanted = max(8, min(3 * FRAMES, int(KEPT_BYTES / frame_bytes)))
         self.every = max(1, -(-packets // wanted))
         self.indices: list[int] = []
         self.pictures: list[np.ndarray] = []
@@ -29,7 +30,7 @@ class Samples:
             self.pictures.append(image.copy())
 
 
-def learn_background(pictures: list[np.ndarray], frames: int) -> tuple[np.ndarray, np.ndarray]:
+def learn_background(pictures: list[np.ndarray], frames: int = FRAMES) -> tuple[np.ndarray, np.ndarray]:
     """Return the median (H, W) of grey frames (H, W) in their type, and the indices of those used.
 
     The string may rest in one place for most of the recording; a median over frames evenly spread in time

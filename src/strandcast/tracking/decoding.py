@@ -44,7 +44,6 @@ def decode(
     facts: VideoFacts,
     finder: HeldEndFinder,
     crops: Crops,
-    background_frames: int,
     led_monitor: LedMonitor | None = None,
 ) -> Decoded:
     """Decode a video once, and keep the parts that later steps need.
@@ -60,7 +59,7 @@ def decode(
     with open_ingested(video, facts, threads=DECODER_THREADS) as opened:
         check_pixel_aspect(opened.info, finder.camera, video)
         depth = 1 if opened.info.max_level < 256 else 2
-        samples = Samples(facts.packets, background_frames, depth * opened.info.width * opened.info.height)
+        samples = Samples(facts.packets, depth * opened.info.width * opened.info.height)
         for index, _, image in opened:
             samples.offer(index, image)
             hands.append(finder.find(image))
@@ -80,15 +79,15 @@ class Background:
     source: str
 
 
-def scene_background(samples: Samples, frames: int, given: np.ndarray | None) -> Background:
-    """Return the empty scene: the given picture, or the median over `frames` of the sampled frames.
+def scene_background(samples: Samples, given: np.ndarray | None) -> Background:
+    """Return the empty scene: the given picture, or a median over the sampled frames.
 
     Raises
     ------
     StrandcastError
         SC-T030 the given picture is much brighter or darker than the video.
     """
-    learned, chosen = learn_background(samples.pictures, frames)
+    learned, chosen = learn_background(samples.pictures)
     if given is None:
         return Background(learned, f"median of {len(chosen)} frames")
     return Background(_matched(given, learned), "given")

@@ -65,9 +65,9 @@ def track_video(given: TrackerInput, settings: TrackSettings) -> Tracked:
     finder = HandFinder(camera, given.markers, given.marker_dictionary, camera.string_offset_m)
     led_monitor = None if given.led is None else LedMonitor(given.led, camera)
     with Crops(plane, CROP_LENGTHS * given.free_length_m) as crops:
-        decoded = decode(given.video, given.facts, finder, crops, settings.background_frames, led_monitor)
+        decoded = decode(given.video, given.facts, finder, crops, led_monitor)
         samples = decoded.samples
-        background = scene_background(samples, settings.background_frames, given.background)
+        background = scene_background(samples, given.background)
         check_hand(decoded.hands, finder, given.video)
         hand = bridge_hand(time_s, decoded.hands)
         extent = box_around(given.markers)

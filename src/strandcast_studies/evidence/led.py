@@ -22,7 +22,6 @@ from strandcast.alignment.led import led_events, pair_led
 from strandcast.arm.load import PlanarArm, load_arm
 from strandcast.config.align import AlignSettings, LedSettings
 from strandcast.config.experiment import Experiment
-from strandcast.config.track import TrackSettings
 from strandcast.core.trajectory import JointTrajectory
 from strandcast.errors import StrandcastError
 from strandcast.executor.drivers.protocol import Recording
@@ -132,7 +131,7 @@ def film(arm: PlanarArm, kind: LedCase, seed: int, folder: Path, gamma: float | 
     finder = HandFinder(camera, arm.markers, arm.marker_dictionary, 0.0)
     monitor = TimedMonitor(LedSettings(place_m=kind.place_m, gamma=gamma), camera)
     with Crops(tabulate(camera, 0.0), 0.3) as crops:
-        decoded = decode(folder / VIDEO, video, finder, crops, TrackSettings().background_frames, monitor)
+        decoded = decode(folder / VIDEO, video, finder, crops, monitor)
     time_s = camera_times(video)
     lamp = lab_switched(record.motion_end_s - record.motion_start_s, rng(name, seed, 1, "lab-led"))
     return FilmedLedThrow(

@@ -19,7 +19,7 @@ from strandcast.camera.markers import (
 from strandcast.core.hand_marker import HandMarker
 from strandcast.records.camera import Camera
 from strandcast.records.track import DetectedTarget
-from strandcast.tracking.background import learn_background
+from strandcast.tracking.background import FRAMES, learn_background
 from strandcast.tracking.chain.search_window import HandBox, SearchWindow
 from strandcast.tracking.events.target import locate_target
 from strandcast.tracking.hand.finder import HandDetection, HandFinder
@@ -93,18 +93,17 @@ def preview(
     sampled: SampledFrames,
     camera: Camera | None,
     expected: Expected,
-    background_frames: int = 40,
     background: np.ndarray | None = None,
 ) -> Preview:
     """Detect hand, string and target in sampled frames.
 
     Without a calibrated camera, metres come from the size of the hand's markers. Without a given background
-    (H, W), it is the median of at most `background_frames` frames.
+    (H, W), it is a median of frames.
     """
     if background is None:
         # Few frames, which differ most: an arm that rests for long would otherwise stay in the background.
         few = max(LEAST_BACKGROUND, len(sampled.pictures) // 3)
-        background, _ = learn_background(sampled.pictures, min(few, background_frames))
+        background, _ = learn_background(sampled.pictures, min(few, FRAMES))
     noise = unchanged_noise(sampled.pictures)
     used = camera or rough_camera(sampled.pictures, expected)
     hands = find_hands(sampled.pictures, used, expected)

@@ -1,5 +1,6 @@
 """Open or contradictory points of the paper, and how each method interprets them here."""
 
+from strandcast.estimation.evaluation import W
 from strandcast.estimation.optimisers.paper import BETA, CHI_0
 from strandcast.report.numbers import UNKNOWN
 from strandcast.report.panels.content import PanelContent, Table
@@ -14,7 +15,7 @@ READINGS = (
         "Eqs. 5, 6",
         "no index over frames; h images, n points; weight w not given",
         "d averaged over frames, then E_i over points; the hand, point 0, is not among them; w = "
-        "{estimate.w}; every reported E has w = 0",
+        f"{W}; every reported E has w = 0",
     ),
     (
         "Section VI",
