@@ -160,10 +160,10 @@ class TimedMonitor(LedMonitor):
 def camera_of(truth: dict[str, Any], settings: Experiment) -> Camera:
     """Return the lab's camera as an error-free calibration."""
     assert settings.lab is not None
-    size = settings.lab.camera
+    width_px, height_px = settings.lab.camera.size_px
     lens = Lens(
-        width_px=size.width_px,
-        height_px=size.height_px,
+        width_px=width_px,
+        height_px=height_px,
         matrix=truth["matrix"],
         distortion=truth["distortion"],
         rms_px=0.1,

@@ -65,7 +65,7 @@ def calibrate_arc(
         SC-T004 as `track_ball`; the arc is too short to determine its radius; its period is not that of
         the length.
     """
-    ball = track_ball(path, facts, settings.background_frames)
+    ball = track_ball(path, facts)
     arc = fit_arc(ball.centre_px)
     if arc.half_angle_rad < LEAST_SWING_RAD or arc.radius_sigma_px > WORST_SHARE * arc.radius_px:
         raise StrandcastError(

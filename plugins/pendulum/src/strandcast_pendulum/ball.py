@@ -36,7 +36,7 @@ class BallTrack:
     warnings: list[str]  # of the decoder
 
 
-def track_ball(path: str | Path, facts: VideoFacts, background_frames: int) -> BallTrack:
+def track_ball(path: str | Path, facts: VideoFacts) -> BallTrack:
     """Track the ball through a video.
 
     The background is needed first, so the video is decoded twice: pendulum videos are short and small.
@@ -47,7 +47,7 @@ def track_ball(path: str | Path, facts: VideoFacts, background_frames: int) -> B
         SC-V005 the decoded count differs from the manifest's; SC-T004 nothing of constant size moves;
         SC-C012 pixels that are not square.
     """
-    background = learn_scene(path, facts, background_frames)
+    background = learn_scene(path, facts)
     progress = Progress("track: ball", total=facts.packets)
     balls = []
     with open_ingested(path, facts) as video:
@@ -70,15 +70,15 @@ def track_ball(path: str | Path, facts: VideoFacts, background_frames: int) -> B
     return BallTrack(centre, usual, background, len(balls), video.warnings())
 
 
-def learn_scene(path: str | Path, facts: VideoFacts, frames: int) -> np.ndarray:
+def learn_scene(path: str | Path, facts: VideoFacts) -> np.ndarray:
     """Return the background of a video, from a decoding pass of its own."""
     with open_ingested(path, facts) as video:
         check_pixel_aspect(video.info, None, path)
         depth = 1 if video.info.max_level < 256 else 2
-        samples = Samples(facts.packets, frames, depth * video.info.width * video.info.height)
+        samples = Samples(facts.packets, depth * video.info.width * video.info.height)
         for index, _, image in video:
             samples.offer(index, image)
-    return learn_background(samples.pictures, frames)[0]
+    return learn_background(samples.pictures)[0]
 
 
 def find_ball(image: np.ndarray, background: np.ndarray) -> tuple[float, float, float]:

@@ -31,7 +31,7 @@ def track_pendulum(given: TrackerInput, settings: TrackSettings) -> Tracked:
     """
     camera, string = given.camera, given.hint
     check_size(given.facts, camera, given.video)
-    ball = track_ball(given.video, given.facts, settings.background_frames)
+    ball = track_ball(given.video, given.facts)
     tip_m = pixel_to_metre(camera, ball.centre_px, camera.string_offset_m)
     time_s = camera_times(given.facts)
     swung_s = check_period(time_s, np.arctan2(tip_m[:, 0], -tip_m[:, 1]), string.length_m, given.video)
@@ -56,7 +56,6 @@ def track_pendulum(given: TrackerInput, settings: TrackSettings) -> Tracked:
         strobe=strobe_picture(ball.background, [], points[instants], camera),
         choices={
             "tracker": "pendulum",
-            "background_frames": settings.background_frames,
             "ball_radius_m": ball.radius_px * camera.scale_m_per_px,
             "length_residual_m": radial_sigma_m,
             "period_s": swung_s if np.isfinite(swung_s) else None,
