@@ -24,15 +24,16 @@ def root(tmp_path, project_root) -> Path:
 def test_settings_are_rewritten_and_nothing_else(root, caplog):
     before = {path: path.read_bytes() for path in root.rglob("*.*") if path.is_file()}
     settings = load_experiment(root / SETTINGS)
-    assert len(caplog.records) == 7  # settings that were renamed or dropped
+    assert len(caplog.records) == 8  # settings that were renamed or dropped
     fixed = run_module(root, "strandcast", "check", "old", "--fix")
-    assert fixed.stdout.startswith(f"{SETTINGS}: 7 former settings written as they are now\nold: ")
+    assert fixed.stdout.startswith(f"{SETTINGS}: 8 former settings written as they are now\nold: ")
     caplog.clear()
     assert load_experiment(root / SETTINGS) == settings
     assert not caplog.text
     now = (root / SETTINGS).read_text()
     assert "# how the string is fitted" in now
     assert "finer" not in now
+    assert "camera: {size_px: [640, 360], frame_rate_hz: 100}" in now
     changed = [path for path, content in before.items() if path.read_bytes() != content]
     assert changed == [root / SETTINGS]
 
