@@ -200,9 +200,9 @@ class CameraSettings(Section):
         return "file" if Path(self.lens).suffix.lower() in LENS_FILES else "video"
 
     @property
-    def by_tracker(self) -> bool:
-        """Whether the tracker has to find the metric scale in the first film: no markers show it."""
-        return not self.plane.markers and self.plane.board is None
+    def has_markers(self) -> bool:
+        """Whether markers or a board in the plane show the metric scale."""
+        return bool(self.plane.markers) or self.plane.board is not None
 
     @property
     def string_offset_and_sd_m(self) -> tuple[float, float]:

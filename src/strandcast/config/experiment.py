@@ -21,7 +21,7 @@ from strandcast.config.lab import LabSettings
 from strandcast.config.plan import PlanSettings
 from strandcast.config.sitting import SittingSettings
 from strandcast.config.string import String
-from strandcast.config.track import TrackSettings
+from strandcast.config.track import CHAIN, TrackSettings
 from strandcast.core.box import Box
 from strandcast.core.objectives import OBJECTIVES, AnyObjective, Objective, PointObjective
 from strandcast.core.quantities import Position, Trial
@@ -287,6 +287,11 @@ class Experiment(Section):
     def camera(self) -> CameraSettings:
         """Return the set-up of the one camera; several are refused."""
         return self.cameras[self.camera_name]
+
+    @property
+    def tracker_finds_scale(self) -> bool:
+        """Whether a tracker of one's own has to find the scale in the first film: no markers show it."""
+        return self.track.tracker != CHAIN and not self.camera.has_markers
 
     @property
     def excluded_reasons(self) -> dict[int, str]:

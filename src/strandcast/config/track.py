@@ -7,12 +7,14 @@ from pydantic import Field
 from strandcast.config.camera import Below
 from strandcast.core.section import Section
 
+CHAIN = "chain"  # the tracker that needs markers in the plane
+
 
 class TrackSettings(Section):
     """The tracker and its few settings; those left out are estimated from the video and recorded."""
 
     tracker: Annotated[str, Field(pattern=r"^[a-z][a-z0-9_-]{0,40}$")] = Field(
-        "chain",
+        CHAIN,
         description="chain: markers on the hand and a string; or an installed one. Change it for a "
         "tracker of your own.",
     )

@@ -30,7 +30,6 @@ from strandcast.stages.context import Context
 from strandcast.stages.job import Files, Job
 from strandcast.stages.photos import given_pictures
 from strandcast.tracking.registry import TRACKERS
-from strandcast.tracking.tracker import FindScale
 from strandcast.video.ingest import inspect_video
 from strandcast.video.reader import open_video
 
@@ -49,7 +48,7 @@ def run(job: Job, files: Files) -> None:
     from strandcast.camera.picture import camera_picture  # heavy: others read photos with this module
 
     _warn_of_former(job.context)
-    fit = _by_tracker if job.context.settings.camera.by_tracker else camera_by_markers
+    fit = _by_tracker if job.context.settings.tracker_finds_scale else camera_by_markers
     camera, picture = fit(job.context, files)
     with atomic_write(files.output("picture")) as temporary:
         Image.fromarray(camera_picture(picture, camera)).save(temporary, "WEBP", quality=82, method=4)
@@ -116,21 +115,14 @@ def _board_frames(path: Path) -> Iterator[tuple[str, np.ndarray]]:
 def _by_tracker(context: Context, files: Files) -> tuple[Camera, np.ndarray]:
     """Let the tracker find scale and origin in the film of the first trial."""
     settings = context.settings
-    find = scale_finder(context)
-    video = Manifest.read(files.input("manifest")).video
-    path = context.folder.trial(1).data / video.file
-    return find(path, video, settings.string.length_m, settings.track)
-
-
-def scale_finder(context: Context) -> FindScale:
-    """Return what finds the scale of an experiment that declares no markers; SC-E008 if nothing does."""
-    name = context.settings.track.tracker
-    found = TRACKERS.get(name, context.file).calibrate
-    if found is None:
-        what = f"the plane has neither markers nor a board, and the tracker {name!r} finds no scale"
+    tracker = TRACKERS.get(settings.track.tracker, context.file)
+    if tracker.calibrate is None:
+        what = f"the plane has no markers, and the tracker {settings.track.tracker!r} finds no scale"
         fix = "give the plane's markers with their places, or its board"
         raise StrandcastError("SC-E008", what, file=context.file, field="camera.plane", fix=fix)
-    return found
+    video = Manifest.read(files.input("manifest")).video
+    path = context.folder.trial(1).data / video.file
+    return tracker.calibrate(path, video, settings.string.length_m, settings.track)
 
 
 def read_photos_of(context: Context, paths: list[Path]) -> Iterator[np.ndarray]:

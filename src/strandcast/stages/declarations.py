@@ -127,7 +127,7 @@ _DECLARED = (
         outputs={"camera": CAMERA + ".json", "picture": CAMERA + ".webp"},
         settings=(
             *(f"cameras.*.{name}" for name in _CALIBRATION),
-            *("workspace_m", "string.length_m"),
+            *("workspace_m", "string.length_m", "track.tracker"),
         ),
         may_read={"video": files.scaling_video},
     ),

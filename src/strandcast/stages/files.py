@@ -197,7 +197,7 @@ LAB_PHOTOS = tuple(f"calibration/lens-{number:02d}.png" for number in range(1, 1
 def lens(job: Job) -> list[Path]:
     """Return a known lens, or photos or video of the board; none where the tracker finds the scale."""
     camera, folder = job.context.settings.camera, job.context.folder.data
-    if camera.by_tracker:
+    if job.context.settings.tracker_finds_scale:
         return []
     if camera.lens_kind != "photos":
         return [folder / camera.lens]
@@ -216,7 +216,7 @@ def plane(job: Job) -> list[Path]:
         SC-C031 several photos may be it, and the settings name none of them.
     """
     camera, folder = job.context.settings.camera, job.context.folder.data
-    if camera.by_tracker:
+    if job.context.settings.tracker_finds_scale:
         return []
     photo, there = folder / camera.plane_photo, _of_the_plane(job)
     if job.is_lab or ("plane_photo" in camera.model_fields_set and file_exists(photo)):
@@ -249,13 +249,13 @@ def _other_photos(folder: Path, pattern: str) -> list[Path]:
 
 def scaling_manifest(job: Job) -> list[Path]:
     """Return the manifest of the first trial if the tracker finds the scale."""
-    by_tracker = job.context.settings.camera.by_tracker
+    by_tracker = job.context.settings.tracker_finds_scale
     return [job.context.folder.trial(1).results / "manifest.json"] if by_tracker else []
 
 
 def scaling_video(job: Job) -> list[Path]:
     """Return the video of the first trial if the tracker finds the scale."""
-    return video(Job(job.context, 1)) if job.context.settings.camera.by_tracker else []
+    return video(Job(job.context, 1)) if job.context.settings.tracker_finds_scale else []
 
 
 def background(job: Job) -> list[Path]:

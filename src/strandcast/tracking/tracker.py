@@ -54,9 +54,6 @@ class TrackerInput:
         return StringHint(length_m, self.string.n, self.string.thickness_m, max(length_m - last_m, 0.0))
 
 
-FindScale = Callable[[Path, VideoFacts, float, TrackSettings], tuple[Camera, np.ndarray]]
-
-
 @dataclass(frozen=True)
 class Tracker:
     """A way to track a string.
@@ -68,4 +65,4 @@ class Tracker:
 
     track: Callable[[TrackerInput, TrackSettings], Tracked]
     unused_settings: tuple[str, ...] = ()
-    calibrate: FindScale | None = None
+    calibrate: Callable[[Path, VideoFacts, float, TrackSettings], tuple[Camera, np.ndarray]] | None = None

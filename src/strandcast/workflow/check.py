@@ -292,13 +292,10 @@ def _check_photos(context: Context, found: Checked) -> None:
 
     Before the first throw, missing ones are warnings: the first motion is planned without a camera.
     """
-    camera, job = context.settings.camera, Job(context)
+    job = Job(context)
     thrown = context.folder.thrown_trials()
     supplied = [number for number in thrown if files.supplied(job, number)]
-    if thrown and supplied == thrown:
-        return
-    if camera.by_tracker:
-        found.attempt(_check_scale, context, found)
+    if context.settings.tracker_finds_scale or (thrown and supplied == thrown):
         return
     [photo] = files.plane(job)
     needed = (*files.lens(job), photo, *files.background(job))
@@ -307,18 +304,6 @@ def _check_photos(context: Context, found: Checked) -> None:
         (found.errors if thrown else found.warnings).extend(missing)
     if photo.is_file():
         found.attempt(_check_calibration, Files(STAGES["calibrate"], job), photo, found)
-
-
-def _check_scale(context: Context, found: Checked) -> None:
-    """Check that the tracker finds the scale that no markers show; before the first throw, that may wait."""
-    from strandcast.stages.calibrate import scale_finder
-
-    try:
-        scale_finder(context)
-    except StrandcastError as error:
-        thrown = bool(context.folder.thrown_trials())
-        if thrown or context.settings.target_m is not None:
-            (found.errors if thrown else found.warnings).append(error)
 
 
 def _check_calibration(calibration: Files, photo: Path, found: Checked) -> None:

@@ -121,7 +121,7 @@ def hold(sitting: Sitting) -> None:
 
 
 def _hold(sitting: Sitting, context: Context) -> None:
-    if not context.settings.camera.by_tracker:  # nothing is thrown before it can be judged
+    if not context.settings.tracker_finds_scale:  # nothing is thrown before it can be judged
         _make(sitting, context.folder.camera(context.settings.camera_name))
     while True:
         _finish_last(sitting)
