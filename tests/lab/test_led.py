@@ -28,7 +28,7 @@ SMALL = {"size_px": (400, 320), "frame_rate_hz": 100.0, "exposure_s": 4e-3}
 
 def with_led(place_m: tuple[float, float] = PLACE_M, led: bool = True) -> Experiment:
     settings = make_experiment(camera=SMALL).model_dump()
-    settings["align"]["led"] = {"x_m": place_m[0], "y_m": place_m[1]}
+    settings["align"]["led"] = {"place_m": place_m}
     settings["lab"]["led"] = led
     return Experiment.model_validate(settings)
 
