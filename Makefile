@@ -286,8 +286,8 @@ misstated-rigs: $(VENV)/runtime.stamp  ## throw in the lab with arms that their 
 	@$(BIN)/python -m strandcast_studies.misstated_rigs --cores $(CORES)
 
 .PHONY: real
-real: $(VENV)/studies.stamp  ## predict real, measured motion, as JSON; data: STRANDCAST_REAL_DATA=folder
-	@$(BIN)/python -m strandcast_studies.evidence.run
+real: $(VENV)/studies.stamp  ## predict real, measured motion, as JSON; data: STRANDCAST_REAL_DATA=folder; some of it: PARTS="pac_cable.tip"
+	@$(BIN)/python -m strandcast_studies.evidence.run $(PARTS)
 
 .PHONY: claims
 claims: $(VENV)/runtime.stamp  ## test the paper's claims on masses and motions in the lab, as JSON; five minutes

@@ -81,9 +81,12 @@ def test_a_motion_that_hardly_moves_the_string_leaves_it_open_and_another_is_adv
     objective, chi = objective_of(0.004)
     log = EvaluationLog(objective.cost)
     log(chi[None])
-    known = uncertainty_of(objective, log, profiles=True)
-    left = undetermined(objective, log, known)
+    known = uncertainty_of(objective, log, profiles=True, long=True)
+    # Long profiles go on until E rises.
+    np.testing.assert_allclose(known.low[known.open_low], 0.0, atol=1e-9)
+    np.testing.assert_allclose(known.high[known.open_high], 1.0, atol=1e-9)
+    left = undetermined(objective, objective.throws[0], log, known)
     assert "air" in left
     assert left["air"] in ("a wider motion", "a free swing")
     wide, _, wide_log, wide_known = swung
-    assert "air" not in undetermined(wide, wide_log, wide_known)
+    assert "air" not in undetermined(wide, wide.throws[0], wide_log, wide_known)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from strandcast.config.estimate import THOROUGH_EVALUATIONS, EstimateSettings
+from strandcast.dynamics.parameters import GRAVITY_M_S2
 from strandcast.errors import StrandcastError
 from strandcast.estimation.ensemble import distant_members
 from strandcast.estimation.estimate import search
@@ -15,9 +16,10 @@ from strandcast.estimation.optimisers.evolution import evolve
 from strandcast.estimation.optimisers.optimiser import SearchStart
 from strandcast.estimation.optimisers.paper import shrinking_search
 from strandcast.estimation.optimisers.registry import OPTIMISERS
+from strandcast.estimation.optimisers.screened import plausible
 from strandcast.estimation.optimisers.starts import latin_hypercube
 
-from .known_string import objective_of, observed_throw
+from .known_string import MODEL, objective_of, observed_throw
 
 GOAL = np.array([0.3, 0.8, 0.55])
 
@@ -89,6 +91,20 @@ def test_the_median_search_beats_chance_within_its_budget(name, evaluations, see
     assert logs[0].all()[0].tobytes() == logs[1].all()[0].tobytes()
     assert all(log.count <= evaluations for log in logs)
     assert np.median([log.best()[1] for log in logs[1:]]) < by_chance
+
+
+def test_a_screened_search_in_the_plane_begins_with_cables_of_all_stiffnesses():
+    """The prior of cords has none that its weight hardly bends."""
+    space, draw = objective_of([observed_throw(1.0)], EstimateSettings()).space, np.random.default_rng(1)
+    values = space.values(plausible(space, MODEL, draw.random((64, space.dimension))))
+    of = dict(zip(space.names, values.T, strict=True))
+    bending_length = np.cbrt(of["k_h"] * MODEL.spacing_m**2 / GRAVITY_M_S2) / MODEL.length_m
+    assert bending_length.min() < 0.05
+    assert bending_length.max() > 0.4
+    np.testing.assert_allclose(of["k_sh"], of["k_h"])
+    np.testing.assert_allclose(of["rest_curl_rad_m"], 0.0, atol=1e-9)
+    assert EstimateSettings().of_captures().search == "screened"
+    assert EstimateSettings(search="thorough").of_captures().search == "thorough"
 
 
 def test_independent_searches_that_end_in_different_strings_are_a_warning():

@@ -41,8 +41,8 @@ class EstimateSettings(Section):
     search: PluginName = Field(
         "descent",
         description="descent: Gauss-Newton from several draws; thorough: finds the best string more "
-        "surely, in thirty times the time; screened (by default in space): descents from the best of 64 "
-        "draws; or an installed one. Use thorough if you read the parameters.",
+        "surely, in thirty times the time; screened (by default in space, and of captures): descents from "
+        "the best of 64 draws; or an installed one. Use thorough if you read the parameters.",
     )
     evaluations: Annotated[int, Field(ge=100, le=1_000_000)] = Field(
         4000,
@@ -122,6 +122,10 @@ class EstimateSettings(Section):
         if "search" in given and self.search != defaults["search"]:
             given.add("evaluations")  # that search has its own
         return self.model_copy(update={name: defaults[name] for name in defaults if name not in given})
+
+    def of_captures(self) -> Self:
+        """Return the settings of a fit of captures in the plane, by their own default."""
+        return self.model_copy(update={} if "search" in self.model_fields_set else {"search": "screened"})
 
     @property
     def evaluation(self) -> Literal["world", "hand"]:

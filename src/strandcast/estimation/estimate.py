@@ -162,7 +162,7 @@ def estimate(
     if settings.search != "paper":
         _sample_near(objective, log, rng)
     held_out += without_model(whole) if references else []
-    uncertainty = uncertainty_of(objective, log, profiles=settings.profiles)
+    uncertainty = uncertainty_of(objective, log, profiles=settings.profiles, long=searches > 1)
     if searches > 1 and settings.profiles:
         uncertainty = with_masses(uncertainty, objective, log)
     weights = np.asarray(np.bincount(parts.trial, objective.shares, parts.trials), dtype=float)
@@ -174,7 +174,7 @@ def estimate(
         fit,
         roll=found.roll,
         forces=found.forces,
-        undetermined=undetermined(objective, log, uncertainty) if searches > 1 else {},
+        undetermined=undetermined(objective, parts.newest, log, uncertainty) if searches > 1 else {},
         paths_m=predictions,
         warnings=tuple(doubts),
     )

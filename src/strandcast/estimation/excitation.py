@@ -13,67 +13,73 @@ from strandcast.dynamics.spatial.clamps import POSE
 from strandcast.estimation.descent import GaussNewtonModel
 from strandcast.estimation.evaluation import Array
 from strandcast.estimation.fit_objective import EvaluationLog, FitObjective, simulate_throw
+from strandcast.estimation.space import Space
 from strandcast.estimation.throws import PreparedThrow
-from strandcast.estimation.uncertainty import Uncertainty, reach_of
+from strandcast.estimation.uncertainty import Uncertainty, decades_of, reach_of
 
 # All chosen.
-OPEN, CLOSED = 0.5, 0.25  # widths of an interval, of the range of the exponent
+FACTOR, SHARE = 3.0, 0.15  # within which an unknown is determined; of the range, if it may be negative
 WIDER, FASTER = 2.0, 1.6
 ASIDE, ASIDE_S, SWINGS = 0.4, 0.3, 5  # of the length, and of the period of a swing; so many of these
 STEP_S = 0.01
 
 
-def undetermined(objective: FitObjective, log: EvaluationLog, known: Uncertainty) -> dict[str, str]:
-    """Return unknowns that a fit leaves open by its profiles, each with the motion that determines it best.
+def undetermined(
+    objective: FitObjective, newest: PreparedThrow, log: EvaluationLog, known: Uncertainty
+) -> dict[str, str]:
+    """Return unknowns that are not determined by their profiles, each with the motion that does it best.
 
-    By the sensitivities of the fitted string to motions that were not recorded, which are expected to be
-    fitted as well as the others.
+    By the sensitivities of the fitted string to motions like that of the whole `newest` trial, which are
+    expected to be fitted as well as the others.
     """
     chi, value = log.best()
-    is_open = known.open_low | known.open_high | (known.high - known.low > OPEN)
-    left = np.flatnonzero(is_open & np.isfinite(known.low))
+    least = margins(objective.space)
+    left = np.flatnonzero((chi - known.low > least) | (known.high - chi > least))
     found = {objective.space.names[k]: "" for k in left}
     if not len(left):
         return found
-    least = np.full(len(chi), CLOSED)
     _, present = GaussNewtonModel(objective, value)(chi[None])
-    for name, throw in _motions(objective):
+    for name, hand in other_motions(newest.hand, newest.points_m.shape[2], objective.model.length_m):
+        throw = _along(newest, hand)
         points_m, _ = simulate_throw(objective.model, throw, objective.space.strings(chi))
         other = replace(objective, throws=(replace(throw, points_m=points_m[0]),), shares=np.ones(1))
         _, added = GaussNewtonModel(other, value)(chi[None])
-        width = 2.0 * reach_of(0.5 * (present[0] + added[0]), value)
-        for k in left[width[left] < least[left]]:
-            found[objective.space.names[k]], least[k] = name, width[k]
+        reach = reach_of(0.5 * (present[0] + added[0]), value)
+        for k in left[reach[left] < least[left]]:
+            found[objective.space.names[k]], least[k] = name, reach[k]
     return found
 
 
-def _motions(objective: FitObjective) -> Iterator[tuple[str, PreparedThrow]]:
-    """Yield other motions as throws with the same points seen: wider, a free swing, faster."""
-    throw, length_m = objective.throws[-1], objective.model.length_m
-    time_s, pose = throw.hand.time_s - throw.hand.time_s[0], throw.hand.pose
+def margins(space: Space) -> Array:
+    """Return how far exponents (d,) may move from the best if their unknowns are determined."""
+    return np.nan_to_num(np.log10(FACTOR) / decades_of(space), nan=SHARE)
+
+
+def other_motions(hand: HandPath, axes: int, length_m: float) -> Iterator[tuple[str, HandPath]]:
+    """Yield motions to record beside one, by name; poses (T, …) begin with a place of so many axes."""
+    time_s, pose = hand.time_s - hand.time_s[0], hand.pose
     if pose.shape[1] <= POSE:
-        axes = throw.points_m.shape[2]
         wide = pose.copy()
         wide[:, :axes] += (WIDER - 1.0) * (pose[:, :axes] - pose[0, :axes])
-        yield "a wider motion", _along(throw, time_s, wide)
+        yield "a wider motion", HandPath(time_s, wide)
         period_s = 2.0 * np.pi * np.sqrt(length_m / GRAVITY_M_S2)
         swing_s = np.arange(0.0, SWINGS * period_s, STEP_S)
         share = np.clip(swing_s / (ASIDE_S * period_s), 0.0, 1.0)
         aside = np.repeat(pose[:1], len(swing_s), axis=0)
         aside[:, 0] += ASIDE * length_m * share**3 * (10.0 - 15.0 * share + 6.0 * share**2)
-        yield "a free swing", _along(throw, swing_s, aside)
-    yield "a faster motion", _along(throw, time_s / FASTER, pose)
+        yield "a free swing", HandPath(swing_s, aside)
+    yield "a faster motion", HandPath(time_s / FASTER, pose)
 
 
-def _along(throw: PreparedThrow, time_s: Array, pose: Array) -> PreparedThrow:
+def _along(throw: PreparedThrow, hand: HandPath) -> PreparedThrow:
     """Return a throw along another path, with the same points seen in every frame."""
     seen = (throw.weight > 0.0).any(axis=0).astype(float)
     return PreparedThrow(
-        np.arange(len(time_s)),
-        time_s,
-        np.zeros((len(time_s), *throw.points_m.shape[1:])),
-        np.tile(seen, (len(time_s), 1)),
-        HandPath(time_s, pose),
-        throw.start if pose.shape[1] > POSE else HANGING_AT_REST,
+        np.arange(len(hand.time_s)),
+        hand.time_s,
+        np.zeros((len(hand.time_s), *throw.points_m.shape[1:])),
+        np.tile(seen, (len(hand.time_s), 1)),
+        hand,
+        throw.start if hand.pose.shape[1] > POSE else HANGING_AT_REST,
         throw.places,
     )

@@ -90,7 +90,7 @@ def fit_together(
     log, *others = (search(objective, settings, own, start, budget) for own in rng.spawn(searches))
     for other in others:
         log.join(other)
-    uncertainty = with_masses(uncertainty_of(objective, log, profiles=True), objective, log)
+    uncertainty = with_masses(uncertainty_of(objective, log, profiles=True, long=True), objective, log)
     return JointFit(objective, log, uncertainty, disagreement(log))
 
 

@@ -20,6 +20,9 @@ FLAT = np.sqrt(1.0 / 12.0)  # standard deviation of a uniform distribution over 
 RISE = 0.10
 REACHES = np.array([-2.5, -1.0, -0.5, 0.5, 1.0, 2.5])  # in widths expected from the parabola
 PROFILE_ROUNDS = 2
+# Of profiles that are read as intervals: rounds, and shares of the way to the bound, where E has not risen by
+# `RISE` before.
+LONG_ROUNDS, FARTHER = 6, (0.1, 0.4, 1.0)
 RIGID = 1e6  # precision that fixes a direction
 
 
@@ -141,9 +144,12 @@ def _correlated_along_string(residual_m: Array) -> float:
     return float(max(together.sum() / max(np.trace(together), 1e-30), 1.0))
 
 
-def uncertainty_of(objective: FitObjective, log: EvaluationLog, *, profiles: bool) -> Uncertainty:
+def uncertainty_of(
+    objective: FitObjective, log: EvaluationLog, *, profiles: bool, long: bool = False
+) -> Uncertainty:
     """Return the uncertainty of the best string of a log.
 
+    `long`: profiles go on to the bounds where E has not risen before, and are fitted with more steps.
     Profiles cost simulations; a better string that they find is in the log afterwards.
     """
     space = objective.space
@@ -154,7 +160,9 @@ def uncertainty_of(objective: FitObjective, log: EvaluationLog, *, profiles: boo
     marginal = np.sqrt(np.diag(covariance))
     conditional = 1.0 / np.sqrt(np.diag(information) + 1.0 / FLAT**2)
     nothing = np.full(space.dimension, np.nan)
-    interval = _profiles(objective, log) if profiles else (nothing, nothing, nothing > 0, nothing > 0)
+    interval = nothing, nothing, nothing > 0, nothing > 0
+    if profiles:
+        interval = _profiles(objective, log, long=long)
     return Uncertainty(
         decades_of(space),
         conditional,
@@ -167,7 +175,9 @@ def uncertainty_of(objective: FitObjective, log: EvaluationLog, *, profiles: boo
     )
 
 
-def _profiles(objective: FitObjective, log: EvaluationLog) -> tuple[Array, Array, np.ndarray, np.ndarray]:
+def _profiles(
+    objective: FitObjective, log: EvaluationLog, *, long: bool
+) -> tuple[Array, Array, np.ndarray, np.ndarray]:
     """Return the ends of all unknowns' profile intervals and whether they are open, each (d,)."""
     slope = GaussNewtonModel(objective)
     best, value = log.best()
@@ -175,16 +185,45 @@ def _profiles(objective: FitObjective, log: EvaluationLog) -> tuple[Array, Array
     _, curvature = slope(best[None])
     log.count += d + 1
     tried = _tried(best, value, curvature[0])  # (d, G)
-    chi = np.clip(_along(best, curvature[0], tried), 0.0, 1.0).reshape(-1, d)
-    held = np.repeat(np.eye(d, dtype=bool), tried.shape[1], axis=0)
-    now = descent_batch(chi, log(chi), held)
-    now = descend(log, slope, now, len(chi) * 32 * PROFILE_ROUNDS, PROFILE_ROUNDS)
-    rise = now.value.reshape(tried.shape) / log.best()[1] - 1.0
-    ends = [_ends(best[k], tried[k], rise[k]) for k in range(d)]
+    row = np.repeat(np.arange(d), tried.shape[1])
+    start = np.clip(_along(best, curvature[0], tried), 0.0, 1.0).reshape(-1, d)
+    rounds = LONG_ROUNDS if long else PROFILE_ROUNDS
+    chi, cost = _refitted(log, slope, row, start, rounds)
+    for share in FARTHER if long else ():
+        more, start = _farther(row, chi, cost <= (1.0 + RISE) * log.best()[1], share)
+        if not len(more):
+            break
+        further = more, *_refitted(log, slope, more, start, rounds)
+        row, chi, cost = (np.concatenate(pair) for pair in zip((row, chi, cost), further, strict=True))
+    rise = cost / log.best()[1] - 1.0
+    ends = [_ends(best[k], chi[row == k, k], rise[row == k]) for k in range(d)]
     low, high, open_low, open_high = (np.array(column) for column in zip(*ends, strict=True))
     least, greatest = near_range(log)
     open_low, open_high = open_low | (least <= 0.0), open_high | (greatest >= 1.0)
     return np.minimum(low, least), np.maximum(high, greatest), open_low, open_high
+
+
+def _refitted(
+    log: EvaluationLog, slope: GaussNewtonModel, row: np.ndarray, start: Array, rounds: int
+) -> tuple[Array, Array]:
+    """Return strings (K, d) fitted from starts (K, d) with one unknown each held, and their cost."""
+    held = np.eye(start.shape[1], dtype=bool)[row]
+    now = descent_batch(start, log(start), held)
+    now = descend(log, slope, now, len(start) * 32 * rounds, rounds)
+    return now.chi, now.value
+
+
+def _farther(row: np.ndarray, chi: Array, allowed: np.ndarray, share: float) -> tuple[np.ndarray, Array]:
+    """Return unknowns to move farther (K,), and starts (K, d), where the outermost strings are `allowed`."""
+    rows, starts = [], []
+    for k in range(chi.shape[1]):
+        own = np.flatnonzero(row == k)
+        for outermost, bound in ((own[chi[own, k].argmin()], 0.0), (own[chi[own, k].argmax()], 1.0)):
+            if allowed[outermost] and chi[outermost, k] != bound:
+                rows.append(k)
+                starts.append(chi[outermost].copy())
+                starts[-1][k] += share * (bound - chi[outermost, k])
+    return np.array(rows, dtype=int), np.reshape(starts, (-1, chi.shape[1]))
 
 
 def near_range(log: EvaluationLog, rise: float = RISE) -> tuple[Array, Array]:
@@ -220,6 +259,8 @@ def _along(best: Array, curvature: Array, tried: Array) -> Array:
 
 def _ends(best: float, tried: Array, rise: Array) -> tuple[float, float, bool, bool]:
     """Return where the rise crosses `RISE` on either side, and whether it stays below `RISE` there."""
+    order = np.argsort(tried)
+    tried, rise = tried[order], rise[order]
     low, open_low = _crossing(best, tried[tried < best][::-1], rise[tried < best][::-1])
     high, open_high = _crossing(best, tried[tried > best], rise[tried > best])
     return low, high, open_low, open_high

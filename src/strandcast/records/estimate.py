@@ -273,7 +273,8 @@ class Estimate(Record):
         for name, motion in self.undetermined.items():
             found.setdefault(motion, []).append(name)
         words = [f"{motion} would determine {', '.join(names)}" for motion, names in found.items() if motion]
-        return "; ".join([f"these recordings do not determine {', '.join(self.undetermined)}", *words])
+        left = f"within a factor of three, these recordings do not determine {', '.join(self.undetermined)}"
+        return "; ".join([left, *words])
 
     def fitted_in_words(self) -> str | None:
         """Return how much of the trials the fit has read; None where it has read all that E is of."""

@@ -120,7 +120,8 @@ def _in_space(files: Files, trials: list[TrialInSpace]) -> Fitted:
 
 def _in_plane(files: Files, trials: list[Trial]) -> Fitted:
     context, newest = files.job.context, trials[-1]
-    settings = context.settings.estimate
+    thrown = context.settings.target_m is not None
+    settings = context.settings.estimate if thrown else context.settings.estimate.of_captures()
     model, layout = string_model(context, load_arm(files.input("arm")).planar())
     if not np.isfinite(newest.track.points_m[:, 1:]).any():
         raise StrandcastError(
@@ -129,7 +130,6 @@ def _in_plane(files: Files, trials: list[Trial]) -> Fitted:
             file=files.input("track", newest.number),
             fix=f"check the track's report; exclude trial {newest.number} with a reason",
         )
-    thrown = context.settings.target_m is not None
     throws = [throw_of(trial, settings) for trial in trials]
     parts = parts_of_throws(throws, model.places_m(), settings)
     known = {

@@ -8,8 +8,9 @@ markers beside the string; truth from 48 points, fits of 20.
 
 import argparse
 import json
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -32,7 +33,7 @@ from strandcast.stages.estimate import CAPTURE_SEARCHES
 from strandcast.stages.estimate_record import mass_known
 from strandcast_studies.benchmarks.loop.run import numbers
 from strandcast_studies.evidence.figure import Figure
-from strandcast_studies.evidence.pac_cable import CABLES, DRIVEN, FREE, RELEASED_FRAME
+from strandcast_studies.evidence.pac_cable import CABLES, DRIVEN, FREE, RELEASED_FRAME, known_of
 
 # (T,) times; (T, 2 or 3) places of the hand and in which direction it holds; (T, m, 2 or 3) markers.
 Recording = tuple[Array, Array, Array, Array]
@@ -41,29 +42,37 @@ OFF_STRING_M, NOISE_M, HAND_NOISE_M, LOST = 1.5e-3, 5e-4, 2e-4, 0.03
 SEEDS = (1, 2)
 
 
-def fitted(
-    recordings: list[Recording], places: Array, length_m: float, weight_m: float, seed: int
-) -> StringFit:
-    """Fit a captured string with one weight as the commands do; markers at places along it, 0 to 1."""
-    settings, in_space = EstimateSettings(), recordings[0][1].shape[1] == 3
-    space: Space
+class Problem(NamedTuple):
+    """What `estimate` takes first: trials by roll, the model, the unknowns and the settings."""
+
     parts: dict[str, TrialParts]
-    if in_space:
-        settings = settings.in_space(thrown=False)
-        model, space = space_of_cable(length_m, False, points=POINTS, weight_places_m=[weight_m])
-        parts = parts_by_roll([_series(*each, places) for each in recordings], POINTS)
-    else:
-        model, layout = StringModel(length_m, POINTS), mass_layout(length_m, POINTS, [weight_m], [])
-        throws = [_throw(*each, places) for each in recordings]
-        parts = {"": parts_of_throws(throws, model.places_m(), settings)}
-        space = space_of(settings, layout, thrown=False)
-    tried = forces_of("auto", in_plane=not in_space, thrown=False)[1]
-    random = np.random.default_rng(seed)
+    model: StringModel
+    space: Space
+    settings: EstimateSettings
+
+
+def problem_of(recordings: list[Recording], places: Array, length_m: float, *weights_m: float) -> Problem:
+    """Return the fit of a captured string with weights; markers at places along it, 0 to 1."""
+    settings = EstimateSettings()
+    if recordings[0][1].shape[1] == 3:
+        model, space = space_of_cable(length_m, False, points=POINTS, weight_places_m=weights_m)
+        parts = parts_by_roll([series_of(*each, places) for each in recordings], POINTS)
+        return Problem(parts, model, space, settings.in_space(thrown=False))
+    settings = settings.of_captures()
+    model, layout = StringModel(length_m, POINTS), mass_layout(length_m, POINTS, list(weights_m), [])
+    throws = [_throw(*each, places) for each in recordings]
+    parts = {"": parts_of_throws(throws, model.places_m(), settings)}
+    return Problem(parts, model, space_of(settings, layout, thrown=False), settings)
+
+
+def fitted(problem: Problem, seed: int) -> StringFit:
+    """Fit a captured string as the commands do."""
+    tried = forces_of("auto", in_plane=problem.space.in_plane, thrown=False)[1]
     how: dict[str, Any] = {"tried": tried, "references": True, "searches": CAPTURE_SEARCHES}
-    return estimate(parts, model, space, settings, random, **how)
+    return estimate(*problem, np.random.default_rng(seed), **how)
 
 
-def _series(
+def series_of(
     time_s: Array, hand_m: Array, direction: Array, markers_m: Array, places: Array
 ) -> dict[str, Any]:
     """Return a capture in space by the roll that its hand may have."""
@@ -88,8 +97,47 @@ def found_mass(fit: StringFit, plain_kg: float) -> dict[str, Any]:
     return {"found_kg": found_kg, "interval_kg": ends, "known": known["known"], "E_mm": 1e3 * fit.E_m}
 
 
-def drawn(seed: int, axes: int) -> tuple[dict[str, Any], list[Recording], Array]:
-    """Return a drawn string with what was true of it, its recordings and the places of its markers."""
+@dataclass(frozen=True, eq=False)
+class Capture:
+    """A drawn string with markers.
+
+    Attributes
+    ----------
+    true
+        Its numbers by name, with the names of the recorded motions.
+    known
+        What `strandcast.simulate` takes.
+    places, off_m
+        Places of the markers along it, 0 to 1, and how far they are beside it (m, 2 or 3) [m].
+    """
+
+    true: dict[str, Any]
+    known: dict[str, Any]
+    places: Array
+    off_m: Array
+
+    @property
+    def plain_kg(self) -> float:
+        """Mass of a plain point of the fit [kg]."""
+        return float(self.true["mass_kg_m"] * self.true["length_m"] / POINTS)
+
+    def recorded(self, time_s: Array, hand_m: Array, random: np.random.Generator) -> Recording:
+        """Return a recording of a motion of the hand, which holds the string downwards."""
+        down = np.broadcast_to(-np.eye(hand_m.shape[1])[-1], hand_m.shape)
+        path = strandcast.simulate(time_s, hand_m, direction=down, points=48, **self.known)
+        seen = CubicSpline(np.linspace(0.0, 1.0, 49), path, axis=1)(self.places) + self.off_m
+        seen += random.normal(0.0, NOISE_M, seen.shape)
+        seen[random.random(seen.shape[:2]) < LOST] = np.nan
+        return time_s, hand_m + random.normal(0.0, HAND_NOISE_M, hand_m.shape), down, seen
+
+    def problem(self, recordings: list[Recording]) -> Problem:
+        """Return the fit of its recordings."""
+        weights_m = [place_m for place_m, _ in self.known["weights"]]
+        return problem_of(recordings, self.places, self.true["length_m"], *weights_m)
+
+
+def drawn(seed: int, axes: int, *, bare: bool = False) -> tuple[Capture, list[Recording]]:
+    """Return a drawn string, with its weight or bare, and its recordings."""
     random = np.random.default_rng([seed, axes == 3])
     length_m = float(random.uniform(0.25, 1.6))
     mass_kg_m, bend, share = (float(np.exp(random.uniform(*np.log(ends)))) for ends in RANGES)
@@ -101,6 +149,8 @@ def drawn(seed: int, axes: int) -> tuple[dict[str, Any], list[Recording], Array]
     kinds = random.permutation(["shake", "pull", "slow"])[: 1 + (random.random() < 0.6)]
     time_s = np.arange(0.0, SECONDS, 1.0 / float(random.choice([60, 100, 120, 200])))
     known: dict[str, Any] = {
+        "length_m": length_m,
+        "weights": [] if bare else [(weight_m, weight_kg)],
         "mass_kg_m": mass_kg_m,
         "bending_n_m2": mass_kg_m * GRAVITY_M_S2 * (length_m * bend) ** 3,
         "damping_s": float(np.exp(random.uniform(*np.log((0.004, 0.04))))),
@@ -109,21 +159,11 @@ def drawn(seed: int, axes: int) -> tuple[dict[str, Any], list[Recording], Array]
     }
     if axes == 3:
         known["curl_towards"] = np.array([1.0, 0.0, 0.0])
-    off_m = random.normal(0.0, OFF_STRING_M, (len(places), axes))
-    recordings = []
-    for kind in kinds:
-        hand_m = _hand(kind, time_s, length_m, axes, random)
-        down = np.broadcast_to(-np.eye(axes)[-1], hand_m.shape)
-        weights = [(weight_m, weight_kg)]
-        path = strandcast.simulate(
-            time_s, hand_m, length_m=length_m, weights=weights, direction=down, points=48, **known
-        )
-        seen = CubicSpline(np.linspace(0.0, 1.0, 49), path, axis=1)(places) + off_m
-        seen += random.normal(0.0, NOISE_M, seen.shape)
-        seen[random.random(seen.shape[:2]) < LOST] = np.nan
-        recordings.append((time_s, hand_m + random.normal(0.0, HAND_NOISE_M, hand_m.shape), down, seen))
     true = {"length_m": length_m, "weight_m": weight_m, "weight_kg": weight_kg, "mass_kg_m": mass_kg_m}
-    return true | {"motions": kinds.tolist(), "markers": len(places)}, recordings, places
+    true |= {"motions": kinds.tolist(), "markers": len(places)}
+    capture = Capture(true, known, places, random.normal(0.0, OFF_STRING_M, (len(places), axes)))
+    hands = (_hand(kind, time_s, length_m, axes, random) for kind in kinds)
+    return capture, [capture.recorded(time_s, hand_m, random) for hand_m in hands]
 
 
 # Mass per length [kg/m]; length over which the string's weight bends it, over its own; the weight's mass,
@@ -160,9 +200,9 @@ def measure(folder: Path) -> list[Figure]:
 
 
 def _cable(folder: Path, cable: str, seed: int) -> Figure:
-    known = json.loads((folder / "object_parameters.json").read_text())[cable]
-    recordings = [_recorded(folder / kind / f"{cable}.markers_rebuilt.csv", kind) for kind in (FREE, DRIVEN)]
-    fit = fitted(recordings, np.array([0.5, 1.0]), known["L"], known["L"], seed)
+    known = known_of(folder, cable)
+    recordings = [recorded(folder, kind, cable) for kind in (FREE, DRIVEN)]
+    fit = fitted(problem_of(recordings, np.array([0.5, 1.0]), known["L"], known["L"]), seed)
     found = found_mass(fit, known["m_len"] / POINTS)
     note = "with its fitting; fitted as a capture in space to both recordings"
     off = 100.0 * (found["found_kg"] / known["m_end"] - 1.0)
@@ -171,8 +211,9 @@ def _cable(folder: Path, cable: str, seed: int) -> Figure:
     )
 
 
-def _recorded(file: Path, kind: str) -> Recording:
+def recorded(folder: Path, kind: str, cable: str) -> Recording:
     """Return one recording of ``pac_cable`` in space: its plane is x and z."""
+    file = folder / kind / f"{cable}.markers_rebuilt.csv"
     table = np.genfromtxt(file, delimiter=",", names=True)[RELEASED_FRAME if kind == FREE else 0 :]
     none = np.zeros(len(table))
     hand_m, middle_m, end_m = (
@@ -191,10 +232,9 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("--seeds", type=numbers, required=True, help="e.g. 200-219")
     for seed in parser.parse_args(arguments).seeds:
         for axes in (2, 3):
-            true, recordings, places = drawn(seed, axes)
-            fit = fitted(recordings, places, true["length_m"], true["weight_m"], seed)
-            found = found_mass(fit, true["mass_kg_m"] * true["length_m"] / POINTS)
-            print(json.dumps({"seed": seed, "axes": axes} | true | found), flush=True)
+            capture, recordings = drawn(seed, axes)
+            found = found_mass(fitted(capture.problem(recordings), seed), capture.plain_kg)
+            print(json.dumps({"seed": seed, "axes": axes} | capture.true | found), flush=True)
 
 
 if __name__ == "__main__":

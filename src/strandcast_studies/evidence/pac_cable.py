@@ -40,7 +40,7 @@ def read(folder: Path, kind: str, cable: str) -> Series:
     cable
         One of `CABLES`.
     """
-    known = json.loads((folder / "object_parameters.json").read_text())[cable]
+    known = known_of(folder, cable)
     state = np.genfromtxt(folder / kind / f"{cable}.csv", delimiter=",", names=True)
     table = np.genfromtxt(folder / kind / f"{cable}.markers_rebuilt.csv", delimiter=",", names=True)
     raw = np.column_stack([table["x_base"], table["z_base"]])
@@ -64,10 +64,15 @@ def read(folder: Path, kind: str, cable: str) -> Series:
     )
 
 
+def known_of(folder: Path, cable: str) -> dict[str, float]:
+    """Return what is known of a cable: masses ``m_len``, ``m_end`` [kg], length ``L`` [m]."""
+    known: dict[str, float] = json.loads((folder / "object_parameters.json").read_text())[cable]
+    return known
+
+
 def weight_kg(folder: Path, cable: str) -> float:
     """Return the known mass of the weight at a cable's end [kg]."""
-    known = json.loads((folder / "object_parameters.json").read_text())[cable]
-    return float(known["m_end"] - BARE_FITTING_KG)
+    return known_of(folder, cable)["m_end"] - BARE_FITTING_KG
 
 
 def fit(series: Series, names: Iterable[str], weight: float) -> dict[str, float]:

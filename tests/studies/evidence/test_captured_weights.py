@@ -9,12 +9,12 @@ from strandcast_studies.evidence import captured_weights
 
 
 def test_drawn_recordings_are_of_a_string_that_hangs_at_first():
-    true, recordings, places = captured_weights.drawn(201, 3)
+    capture, recordings = captured_weights.drawn(201, 3)
     for _, hand_m, direction, seen in recordings:
-        assert seen.shape[1:] == (len(places), 3)
-        off_m = np.nanmedian(seen[:10, -1] - hand_m[:10], axis=0) - true["length_m"] * direction[0]
-        assert np.linalg.norm(off_m) < 0.3 * true["length_m"]
-    assert len(recordings) == len(true["motions"])
+        assert seen.shape[1:] == (len(capture.places), 3)
+        off_m = np.nanmedian(seen[:10, -1] - hand_m[:10], axis=0) - capture.true["length_m"] * direction[0]
+        assert np.linalg.norm(off_m) < 0.3 * capture.true["length_m"]
+    assert len(recordings) == len(capture.true["motions"])
 
 
 @pytest.mark.thorough

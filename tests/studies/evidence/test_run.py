@@ -10,7 +10,7 @@ from strandcast_studies.evidence.figure import Figure
 
 def test_without_data_everything_is_skipped(monkeypatch, capsys):
     monkeypatch.delenv(run.VARIABLE, raising=False)
-    run.main()
+    run.main([])
     printed = capsys.readouterr()
     records = json.loads(printed.out)
     assert {record["name"] for record in records} == set(run.PARTS)

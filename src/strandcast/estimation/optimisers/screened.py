@@ -1,12 +1,17 @@
-"""Descents from the best of many draws that are apart: the default search in space."""
+"""Descents from the best of many draws that are apart: the default search in space, and of captures."""
 
 from dataclasses import replace
 
 import numpy as np
 
+from strandcast.core.strings import PARAMETERS
+from strandcast.dynamics.model import StringModel
+from strandcast.dynamics.parameters import Array, to_exponent
+from strandcast.estimation.cable_space import space_of_cable
 from strandcast.estimation.descent import GaussNewtonModel, apart, descend, descent_batch
 from strandcast.estimation.fit_objective import EvaluationLog
 from strandcast.estimation.optimisers.optimiser import SearchProblem
+from strandcast.estimation.space import Space
 
 # All chosen.
 SCREENED, DESCENTS = 64, 3
@@ -23,8 +28,7 @@ def search_screened(problem: SearchProblem, log: EvaluationLog) -> bool:
     from scipy.stats import qmc  # takes half a second: only for a search that needs it
 
     objective, space = problem.objective, problem.objective.space
-    # Turns and curls start near zero, where clamps and cables are made to be.
-    draw = space.without_turns(qmc.Sobol(space.dimension, rng=problem.rng).random(SCREENED))
+    draw = plausible(space, objective.model, qmc.Sobol(space.dimension, rng=problem.rng).random(SCREENED))
     values = EvaluationLog(objective.thinned(SCREENING_FRAMES).cost)(draw)
     starts = draw[apart(draw, values, DESCENTS)]
     if problem.start.previous is not None:
@@ -40,3 +44,17 @@ def search_screened(problem: SearchProblem, log: EvaluationLog) -> bool:
     converged = bool(descend(log, slopes, best, problem.left(log)).done.all())
     log.count += SCREENED
     return converged
+
+
+def plausible(space: Space, model: StringModel, draw: Array) -> Array:
+    """Return exponents (B, d) of plausible strings, given uniform ones.
+
+    Turns and curls are zero, where clamps and cables are made to be. In the plane the ten parameters are
+    those of cables in space, which scale with the length: few strings of ten independent ones are plausible.
+    """
+    plausible = space.without_turns(draw)
+    if space.in_plane:
+        cable, own = space_of_cable(model.length_m, False, points=model.points)[1], len(PARAMETERS)
+        parameters = cable.strings(cable.without_turns(draw[:, : cable.dimension])).parameters
+        plausible[:, :own] = np.clip(to_exponent(parameters, space.bounds[:own]), 0.0, 1.0)
+    return plausible
