@@ -42,7 +42,8 @@ class EstimateSettings(Section):
         "descent",
         description="descent: Gauss-Newton from several draws; thorough: finds the best string more "
         "surely, in thirty times the time; screened (by default in space, and of captures): descents from "
-        "the best of 64 draws; or an installed one. Use thorough if you read the parameters.",
+        "the best of 64 draws, 128 in the plane; or an installed one. Use thorough if you read the "
+        "parameters.",
     )
     evaluations: Annotated[int, Field(ge=100, le=1_000_000)] = Field(
         4000,

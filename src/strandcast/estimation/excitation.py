@@ -52,7 +52,7 @@ def undetermined(
 
 def margins(space: Space) -> Array:
     """Return how far exponents (d,) may move from the best if their unknowns are determined."""
-    return np.nan_to_num(np.log10(FACTOR) / decades_of(space), nan=SHARE)
+    return np.asarray(np.nan_to_num(np.log10(FACTOR) / decades_of(space), nan=SHARE))
 
 
 def other_motions(hand: HandPath, axes: int, length_m: float) -> Iterator[tuple[str, HandPath]]:

@@ -35,6 +35,7 @@ BENDING = ("k_h", "k_sh")  # of the string itself
 STIFFNESSES = (*BENDING, "k_ph")
 WIDENED = (*STIFFNESSES, "c_h", "c_sh", "c_ph")
 WIDENED_BY = 30.0
+CAPTURED_BY = 900.0  # of captures at once: cables that their weight hardly bends, as in space
 
 
 def bounds_of(ranges: Ranges) -> Array:
@@ -84,7 +85,10 @@ def space_of(
     if plain_mass:
         options = {PLAIN_MASS: mass_range} | options
     names = (*PARAMETERS, *(f"weight_{k + 1}" for k in range(layout.count)), *options)
-    ranges = np.vstack([bounds_of(settings.ranges), *[mass_range] * layout.count, *options.values()])
+    bounds = bounds_of(settings.ranges).copy()
+    if not thrown and settings.ranges == "wide":
+        bounds[np.isin(PARAMETERS, WIDENED), 1] *= CAPTURED_BY
+    ranges = np.vstack([bounds, *[mass_range] * layout.count, *options.values()])
     prior_sd = np.array([sd.get(name, np.inf) for name in names])
     return Space(names, ranges, layout, prior_sd)
 

@@ -62,7 +62,7 @@ def by_count(cable: Recorded, counts: Sequence[int], seed: int) -> list[Figure]:
             "fit_mm": 1e3 * found.log.best()[1],
             "held_out": len(errors_m),
         }
-        note = f"mean distance of the markers; fitted to {count} recordings, others predicted"
+        note = "mean distance of the markers in recordings that were not fitted"
         about, error_mm = f"{cable.name}.seed_{seed}.of_{count}", 1e3 * float(np.mean(errors_m))
         figures.append(Figure(about, error_mm, "mm", None, note, detail))
     return figures
@@ -83,7 +83,8 @@ def single_ended(folder: Path, cable: str) -> Recorded:
 
 def _pieces(recording: Recording) -> list[Series]:
     rows = np.array_split(np.arange(len(recording[0])), PIECES)
-    return [series_of(*(part[own] for part in recording), AT_MIDDLE_AND_END) for own in rows]
+    cut = [[part[own] for part in recording] for own in rows]
+    return [series_of(*piece, places=AT_MIDDLE_AND_END) for piece in cut]
 
 
 def two_ended(folder: Path, cable: str) -> Recorded:

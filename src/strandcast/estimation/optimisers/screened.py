@@ -15,6 +15,7 @@ from strandcast.estimation.space import Space
 
 # All chosen.
 SCREENED, DESCENTS = 64, 3
+IN_PLANE = 2  # times as many, of unknowns some of which hardly matter
 TOGETHER = 8  # steps of all descents, before the best one goes on alone
 SCREENING_FRAMES = 60  # of each series
 
@@ -28,9 +29,11 @@ def search_screened(problem: SearchProblem, log: EvaluationLog) -> bool:
     from scipy.stats import qmc  # takes half a second: only for a search that needs it
 
     objective, space = problem.objective, problem.objective.space
-    draw = plausible(space, objective.model, qmc.Sobol(space.dimension, rng=problem.rng).random(SCREENED))
+    times = IN_PLANE if space.in_plane else 1
+    drawn = qmc.Sobol(space.dimension, rng=problem.rng).random(times * SCREENED)
+    draw = plausible(space, objective.model, drawn)
     values = EvaluationLog(objective.thinned(SCREENING_FRAMES).cost)(draw)
-    starts = draw[apart(draw, values, DESCENTS)]
+    starts = draw[apart(draw, values, times * DESCENTS)]
     if problem.start.previous is not None:
         starts = np.vstack([starts, space.chi_of(problem.start.previous.take(0))])
     plain = space.without_friction()
@@ -42,7 +45,7 @@ def search_screened(problem: SearchProblem, log: EvaluationLog) -> bool:
     descents = descend(log, slopes, descent_batch(starts, log(starts)), problem.evaluations, TOGETHER)
     best = descents.pick(np.array([np.argmin(descents.value)]))
     converged = bool(descend(log, slopes, best, problem.left(log)).done.all())
-    log.count += SCREENED
+    log.count += times * SCREENED
     return converged
 
 
