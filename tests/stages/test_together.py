@@ -147,6 +147,6 @@ def test_what_a_recording_does_not_tell_is_named_with_a_motion_that_does():
     )
     assert record.undetermined_in_words() == (
         "within a factor of three, these recordings do not determine air, taper, damping_s; "
-        "a faster motion would determine air; a free swing would determine damping_s"
+        "a faster motion should narrow air; a free swing should narrow damping_s"
     )
     assert Estimate.model_construct(undetermined={}).undetermined_in_words() is None

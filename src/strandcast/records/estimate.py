@@ -272,7 +272,7 @@ class Estimate(Record):
         found: dict[str, list[str]] = {}
         for name, motion in self.undetermined.items():
             found.setdefault(motion, []).append(name)
-        words = [f"{motion} would determine {', '.join(names)}" for motion, names in found.items() if motion]
+        words = [f"{motion} should narrow {', '.join(names)}" for motion, names in found.items() if motion]
         left = f"within a factor of three, these recordings do not determine {', '.join(self.undetermined)}"
         return "; ".join([left, *words])
 

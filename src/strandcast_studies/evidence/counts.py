@@ -82,9 +82,11 @@ def single_ended(folder: Path, cable: str) -> Recorded:
 
 
 def _pieces(recording: Recording) -> list[Series]:
-    rows = np.array_split(np.arange(len(recording[0])), PIECES)
-    cut = [[part[own] for part in recording] for own in rows]
-    return [series_of(*piece, places=AT_MIDDLE_AND_END) for piece in cut]
+    time_s, hand_m, down, markers_m = recording
+    return [
+        series_of(time_s[own], hand_m[own], down[own], markers_m[own], AT_MIDDLE_AND_END)
+        for own in np.array_split(np.arange(len(time_s)), PIECES)
+    ]
 
 
 def two_ended(folder: Path, cable: str) -> Recorded:
