@@ -272,7 +272,7 @@ def _warnings(
     if space.in_plane:
         own = [PARAMETERS.index(name) for name in BENDING]
         least, usual = space.values(chi)[own].min(), bounds_of("wide")[own, 1].max()
-        if least > usual and search == "descent":
+        if least > usual and search not in ("thorough", "screened"):
             warnings.append(
                 f"a stiff string: {' and '.join(BENDING)} are {least:.0f} and more, beyond the usual "
                 f"{usual:g}; read its masses and parameters only from a fit with estimate.search: thorough"
