@@ -1,6 +1,7 @@
 """Descent over motions in space: steps to the least miss, only along what the tips are sensitive to."""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -9,8 +10,9 @@ from strandcast.arm.load import load_arm
 from strandcast.config.plan import PlanSettings
 from strandcast.dynamics.masses import mass_layout
 from strandcast.dynamics.model import StringModel
+from strandcast.planning import global_search
 from strandcast.planning.assessment import assess_rollouts
-from strandcast.planning.bezier import rest_heights
+from strandcast.planning.bezier import Curve, rest_heights
 from strandcast.planning.global_search import Encoding, screen
 from strandcast.planning.motion_descent import (
     LADDER,
@@ -96,12 +98,38 @@ def test_joints_turn_away_before_their_limits(task: PlanningTask) -> None:
     np.testing.assert_allclose(found[1].max(), 0.99 - 0.995 + 0.02)
 
 
+def test_random_motions_are_ranked_by_all_strings_though_most_meet_only_one(
+    task: PlanningTask, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    misses_m = np.random.default_rng(2).uniform(1.0, 2.0, (200, 2))
+    misses_m[100:] += 2.0
+    misses_m[80] = 1.4, 0.0  # the best with both strings, one of many with the first
+    drawn = [Curve(np.full(6, float(k)), 0.5, np.zeros((6, 6))) for k in range(len(misses_m))]
+    rollouts = 0
+
+    def cost_of(*given: Any) -> MotionResiduals:
+        nonlocal rollouts
+        met_m = misses_m[given[3].q0_rad[:, 0].astype(int), : len(given[1])]
+        rollouts += met_m.size
+        return MotionResiduals(met_m, np.sqrt(np.mean(met_m**2, axis=1)))
+
+    monkeypatch.setattr(global_search, "draw_first", lambda *_: drawn)
+    monkeypatch.setattr(global_search, "motion_residuals", cost_of)
+    rng = np.random.default_rng(1)
+    strings = start_strings_in_space(2, 0.4, mass_layout(0.4, 10, [0.4]), rng)
+    best, counted = screen(SearchInputs(task, strings, RolloutConditions(), PlanSettings(), rng), 4)
+    ranking = np.argsort((misses_m**2).sum(axis=1))
+    assert [curve.q0_rad[0] for curve in best] == ranking[:4].tolist()
+    assert ranking[0] == 80
+    assert counted == rollouts < 200 + 2 * 150
+
+
 def test_a_descent_finds_a_throw_near_the_best_of_some_random_ones(task: PlanningTask) -> None:
     rng = np.random.default_rng(1)
     strings = start_strings_in_space(2, 0.4, mass_layout(0.4, 10, [0.4]), rng)
     given = SearchInputs(task, strings, RolloutConditions(), PlanSettings(screening=64), rng)
     encoding = Encoding(6, 6, (0.35, 0.9), task.step_s)
-    best = encoding.point(screen(given)[0])
+    best = encoding.point(screen(given, 1)[0][0])
 
     def residuals(points: np.ndarray) -> MotionResiduals:
         return motion_residuals(task, strings, RolloutConditions(), encoding.curves(points))

@@ -68,8 +68,8 @@ def search_globally(given: SearchInputs) -> tuple[Curve, int]:
         given, task=task, strings=disturbed(given.strings, settings.ensemble, joints, given.sizes)
     )
     encoding = Encoding(joints, settings.control_points, settings.duration_s, task.step_s)
-    starts = [encoding.point(curve) for curve in screen(given)]
-    simulations = len(starts) * min(SCREENED_WITH, len(given.strings))
+    screened, simulations = screen(given, ROUNDS[0].descents)
+    starts = [encoding.point(curve) for curve in screened]
     for number, (descents, share, members) in enumerate(ROUNDS, 1):
         strings = given.strings.first(members)
         budget = int(share * settings.evaluations / descents)
@@ -96,8 +96,11 @@ def _cost(optimum: tuple[float, np.ndarray]) -> float:
     return optimum[0]
 
 
-def screen(given: SearchInputs) -> list[Curve]:
-    """Return random motions, the best first, from postures in which the string hangs freely."""
+def screen(given: SearchInputs, count: int) -> tuple[list[Curve], int]:
+    """Return the best of many random motions, the best first, and the number of rollouts.
+
+    They start from postures in which the string hangs freely.
+    """
     task, settings, strings = given.task, given.settings, given.strings.first(SCREENED_WITH)
     drawn = draw_first(
         settings.screening,
@@ -107,9 +110,22 @@ def screen(given: SearchInputs) -> list[Curve]:
         lambda q0: start_cost(task, q0) == 0.0,
     )
     progress = Progress("plan: random motions", total=len(drawn))
-    costs = np.full(len(drawn), np.inf)
+
+    def costs_of(members: np.ndarray, strings: StringBatch) -> np.ndarray:
+        batch = packed([drawn[k] for k in members])
+        return motion_residuals(task, strings, given.conditions, batch).cost_m
+
+    least, costs = np.empty(len(drawn)), np.full(len(drawn), np.inf)
     for k in range(0, len(drawn), BATCH):
-        batch = packed(drawn[k : k + BATCH])
-        costs[k : k + BATCH] = motion_residuals(task, strings, given.conditions, batch).cost_m
-        progress(min(k + BATCH, len(drawn)), f"best cost {1000 * costs.min():.0f} mm")
-    return [drawn[k] for k in np.argsort(costs, kind="stable")]
+        each = np.arange(k, min(k + BATCH, len(drawn)))
+        # The cost is a mean over strings, in part a root mean square: with all of them it is at least this.
+        least[each] = costs_of(each, strings.first(1)) / len(strings)
+        progress(int(each[-1]) + 1, f"best cost {1000 * least.min():.0f} mm or more")
+    order, simulations = np.argsort(least, kind="stable"), len(drawn)
+    for k in range(0, len(drawn), BATCH):
+        each = order[k : k + BATCH]
+        if least[each[0]] > np.partition(costs, count - 1)[count - 1]:
+            break  # no other motion can be among the best
+        costs[each] = costs_of(each, strings)
+        simulations += len(each) * len(strings)
+    return [drawn[k] for k in np.argsort(costs, kind="stable")[:count]], simulations

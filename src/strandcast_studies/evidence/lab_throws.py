@@ -114,7 +114,7 @@ def specimen(
         task = PlanningTask(arm, model, np.array(target_m), 0.02, WORKSPACE)
         settings = PlanSettings(screening=SCREENED, ensemble=len(candidates))
         given = SearchInputs(task, candidates, RolloutConditions(), settings, motions_rng)
-        curve = screen(given)[0]
+        curve = screen(given, 1)[0][0]
         throws.append(
             _thrown(arm, thrown, sample(curve, task.step_s), model, task.target_m, throws_rng, scatter)
         )
