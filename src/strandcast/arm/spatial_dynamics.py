@@ -12,6 +12,8 @@ from strandcast.arm.dynamics import Dynamics
 from strandcast.arm.spatial import turn_about, turned
 from strandcast.arm.urdf import dofs_of, owners, posed
 
+WORK = 5  # vectors of each joint that `write_torques` needs: axis, anchor, force, moment, the link's centre
+
 
 class JointAxes(NamedTuple):
     """The moving joints at zero, in the frame of the URDF's root link.
@@ -127,21 +129,36 @@ def newton_euler(
     The outward pass gives the links' turn rates and the accelerations of their joints, gravity included; the
     inward pass the force and the moment that each link needs from the one before.
     """
-    count, joints = q.shape
-    torque = np.empty((count, joints))
-    axis, anchor = np.empty((joints, 3)), np.empty((joints, 3))
-    force, moment = np.empty((joints, 3)), np.empty((joints, 3))
-    for t in range(count):
-        _outward(q[t], qd[t], qdd[t], axes, mass, centre, inertia, gravity, axis, anchor, force, moment)
-        for j in range(joints - 1, -1, -1):
-            if j + 1 < joints:
-                for r in range(3):
-                    force[j, r] += force[j + 1, r]
-                _add_moment(anchor[j + 1], anchor[j], force[j + 1], moment[j])
-                for r in range(3):
-                    moment[j, r] += moment[j + 1, r]
-            torque[t, j] = axis[j, 0] * moment[j, 0] + axis[j, 1] * moment[j, 1] + axis[j, 2] * moment[j, 2]
+    torque, work = np.empty(q.shape), np.empty((WORK, q.shape[1], 3))
+    for t in range(len(q)):
+        write_torques(q[t], qd[t], qdd[t], axes, mass, centre, inertia, gravity, work, torque[t])
     return torque
+
+
+@njit(cache=True)
+def write_torques(
+    q: np.ndarray,
+    qd: np.ndarray,
+    qdd: np.ndarray,
+    axes: JointAxes,
+    mass: np.ndarray,
+    centre: np.ndarray,
+    inertia: np.ndarray,
+    gravity: np.ndarray,
+    work: np.ndarray,
+    torque: np.ndarray,
+) -> None:
+    """Write the torques (J,) of one instant; `work` is any memory (WORK, J, 3)."""
+    axis, anchor, force, moment = work[0], work[1], work[2], work[3]
+    _outward(q, qd, qdd, axes, mass, centre, inertia, gravity, work)
+    for j in range(len(q) - 1, -1, -1):
+        if j + 1 < len(q):
+            for r in range(3):
+                force[j, r] += force[j + 1, r]
+            _add_moment(anchor[j + 1], anchor[j], force[j + 1], moment[j])
+            for r in range(3):
+                moment[j, r] += moment[j + 1, r]
+        torque[j] = axis[j, 0] * moment[j, 0] + axis[j, 1] * moment[j, 1] + axis[j, 2] * moment[j, 2]
 
 
 @njit(cache=True)
@@ -154,16 +171,14 @@ def _outward(
     centre: np.ndarray,
     inertia: np.ndarray,
     gravity: np.ndarray,
-    axis: np.ndarray,
-    anchor: np.ndarray,
-    force: np.ndarray,
-    moment: np.ndarray,
+    work: np.ndarray,
 ) -> None:
-    """Write axis, anchor, and the force and moment about the anchor that each link needs, (J, 3) each."""
+    """Write axis, anchor, the force and moment about the anchor that each link needs, and its centre."""
+    axis, anchor, force, moment, place = work[0], work[1], work[2], work[3], work[4]
     turn, move = np.eye(3), np.zeros(3)
     rate, change, pull = np.zeros(3), np.zeros(3), np.empty(3)
-    spun, place = np.empty(3), np.empty(3)
-    pull[:] = -gravity
+    for r in range(3):
+        pull[r] = -gravity[r]
     for j in range(len(q)):
         _write_place(turn, move, axes.anchors_m[j], anchor[j])
         if j:
@@ -171,17 +186,18 @@ def _outward(
         for r in range(3):
             axis[j, r] = turned(turn, axes.directions[j], r)
         for r in range(3):
-            spun[r] = cross_part(rate, axis[j], r)
+            change[r] += qdd[j] * axis[j, r] + qd[j] * cross_part(rate, axis[j], r)
         for r in range(3):
-            change[r] += qdd[j] * axis[j, r] + qd[j] * spun[r]
             rate[r] += qd[j] * axis[j, r]
         turn_about(axes.anchors_m[j], axes.directions[j], q[j], turn, move)
-        _write_place(turn, move, centre[j], place)
-        force[j] = pull
-        _accelerate(force[j], rate, change, anchor[j], place)
-        force[j] *= mass[j]
+        _write_place(turn, move, centre[j], place[j])
+        for r in range(3):
+            force[j, r] = pull[r]
+        _accelerate(force[j], rate, change, anchor[j], place[j])
+        for r in range(3):
+            force[j, r] *= mass[j]
         _needed_moment(turn, inertia[j], rate, change, moment[j])
-        _add_moment(place, anchor[j], force[j], moment[j])
+        _add_moment(place[j], anchor[j], force[j], moment[j])
 
 
 @njit(cache=True)
@@ -194,7 +210,7 @@ def _write_place(turn: np.ndarray, move: np.ndarray, given: np.ndarray, place: n
 @njit(cache=True)
 def _add_moment(place: np.ndarray, about: np.ndarray, force: np.ndarray, moment: np.ndarray) -> None:
     """Add the moment (3,) about a place of a force at another one."""
-    arm = place - about
+    arm = place[0] - about[0], place[1] - about[1], place[2] - about[2]
     for r in range(3):
         moment[r] += cross_part(arm, force, r)
 
@@ -204,7 +220,7 @@ def _accelerate(
     pull: np.ndarray, rate: np.ndarray, change: np.ndarray, old: np.ndarray, new: np.ndarray
 ) -> None:
     """Take an acceleration (3,) from an old place of a body with a turn rate and its change to a new one."""
-    away = new - old
+    away = new[0] - old[0], new[1] - old[1], new[2] - old[2]
     inside = rate[0] * away[0] + rate[1] * away[1] + rate[2] * away[2]
     square = rate[0] ** 2 + rate[1] ** 2 + rate[2] ** 2
     for r in range(3):
@@ -216,17 +232,25 @@ def _needed_moment(
     turn: np.ndarray, inertia: np.ndarray, rate: np.ndarray, change: np.ndarray, moment: np.ndarray
 ) -> None:
     """Write the moment (3,) about its centre of a body; its inertia (3, 3) is that at zero angles."""
-    own, spun, bent = np.empty(3), np.empty(3), np.empty(3)
-    for r in range(3):
-        own[r] = turn[0, r] * rate[0] + turn[1, r] * rate[1] + turn[2, r] * rate[2]
-        spun[r] = turn[0, r] * change[0] + turn[1, r] * change[1] + turn[2, r] * change[2]
-    whole = np.empty(3)
-    for r in range(3):
-        bent[r] = turned(inertia, own, r)
-    for r in range(3):
-        whole[r] = turned(inertia, spun, r) + cross_part(own, bent, r)
+    own, spun = _turned_back(turn, rate), _turned_back(turn, change)
+    bent = turned(inertia, own, 0), turned(inertia, own, 1), turned(inertia, own, 2)
+    whole = (
+        turned(inertia, spun, 0) + cross_part(own, bent, 0),
+        turned(inertia, spun, 1) + cross_part(own, bent, 1),
+        turned(inertia, spun, 2) + cross_part(own, bent, 2),
+    )
     for r in range(3):
         moment[r] = turned(turn, whole, r)
+
+
+@njit(cache=True)
+def _turned_back(turn: np.ndarray, vector: np.ndarray) -> tuple[float, float, float]:
+    """Return a vector (3,) in the frame at zero angles."""
+    return (
+        turn[0, 0] * vector[0] + turn[1, 0] * vector[1] + turn[2, 0] * vector[2],
+        turn[0, 1] * vector[0] + turn[1, 1] * vector[1] + turn[2, 1] * vector[2],
+        turn[0, 2] * vector[0] + turn[1, 2] * vector[1] + turn[2, 2] * vector[2],
+    )
 
 
 @njit(cache=True, nogil=True)

@@ -15,7 +15,7 @@ from numba import njit
 from scipy.optimize import least_squares
 
 from strandcast.arm.servo import Servo, command_at, respond
-from strandcast.arm.spatial_dynamics import JointAxes, SpatialDynamics, mass_matrix, newton_euler
+from strandcast.arm.spatial_dynamics import WORK, JointAxes, SpatialDynamics, mass_matrix, write_torques
 from strandcast.threads import over_ranges
 
 # Longest step of the simulation; chosen: on joints that yield by 0.7 rad the error is a third of a
@@ -170,6 +170,16 @@ def _simulated(
     return answer
 
 
+@njit(cache=True)
+def _settles(q: np.ndarray, command: np.ndarray, needed: np.ndarray, stiffness: np.ndarray) -> bool:
+    """Let springs (J,) carry the torques that are needed at angles; return whether these stay the same."""
+    stays = True
+    for j in range(len(q)):
+        before, q[j] = q[j], command[j] - needed[j] / stiffness[j]
+        stays &= q[j] == before
+    return stays
+
+
 @njit(cache=True, nogil=True)
 def _simulate(
     first: int,
@@ -194,35 +204,41 @@ def _simulate(
     """
     _, count, joints = commands.shape
     h = stride * every_s
-    q, v, none = np.empty((1, joints)), np.empty((1, joints)), np.zeros((1, joints))
-    push, change = np.empty(joints), np.empty(joints)
+    q, v, none = np.empty(joints), np.empty(joints), np.zeros(joints)
+    push, change, needed, work = (
+        np.empty(joints),
+        np.empty(joints),
+        np.empty(joints),
+        np.empty((WORK, joints, 3)),
+    )
     middle_q, middle_v = np.empty_like(q), np.empty_like(q)
     for p in range(first, last):
         stiffness, damping, motor, share, delay_s = loops[min(p, len(loops) - 1)]
         gravity = (1.0 - carried[min(p, len(carried) - 1)]) * whole_gravity
-        q[0], v[0], change[:] = commands[p, 0], 0.0, 0.0
+        q[:], v[:], change[:] = commands[p, 0], 0.0, 0.0
         for _ in range(SETTLING):
-            needed = newton_euler(q, none, none, axes, mass, centre, inertia, gravity)
-            q[0] = commands[p, 0] - needed[0] / stiffness
-        answer[p, 0] = q[0]
+            write_torques(q, none, none, axes, mass, centre, inertia, gravity, work, needed)
+            if _settles(q, commands[p, 0], needed, stiffness):
+                break
+        answer[p, 0] = q
         for k in range(0, count - 1, stride):
             for j in range(joints):
-                middle_q[0, j], middle_v[0, j] = q[0, j] + 0.5 * h * v[0, j], v[0, j] + 0.5 * change[j]
-            whole = mass_matrix(middle_q[0], axes, mass, centre, inertia)
+                middle_q[j], middle_v[j] = q[j] + 0.5 * h * v[j], v[j] + 0.5 * change[j]
+            whole = mass_matrix(middle_q, axes, mass, centre, inertia)
             for j in range(joints):
                 brake = damping[j] + own[0, j]
                 whole[j, j] += motor[j] + own[1, j] + 0.5 * h * brake + 0.25 * h * h * stiffness[j]
-            needed = newton_euler(middle_q, middle_v, none, axes, mass, centre, inertia, gravity)
+            write_torques(middle_q, middle_v, none, axes, mass, centre, inertia, gravity, work, needed)
             for j in range(joints):
                 before = command_at(commands, p, j, k - delay_s[j] / every_s)
                 after = command_at(commands, p, j, k + stride - delay_s[j] / every_s)
-                off = 0.5 * (before + after) - q[0, j] - 0.5 * h * v[0, j]
-                rate = share[j] * (after - before) / h - v[0, j]
-                push[j] = stiffness[j] * off + damping[j] * rate - own[0, j] * v[0, j] - needed[0, j]
+                off = 0.5 * (before + after) - q[j] - 0.5 * h * v[j]
+                rate = share[j] * (after - before) / h - v[j]
+                push[j] = stiffness[j] * off + damping[j] * rate - own[0, j] * v[j] - needed[j]
             change[:] = h * np.linalg.solve(whole, push)
             for j in range(joints):
                 for t in range(1, min(stride, count - 1 - k) + 1):
                     s = t / stride
-                    answer[p, k + t, j] = q[0, j] + s * h * (v[0, j] + 0.5 * s * change[j])
-                q[0, j] += h * (v[0, j] + 0.5 * change[j])
-                v[0, j] += change[j]
+                    answer[p, k + t, j] = q[j] + s * h * (v[j] + 0.5 * s * change[j])
+                q[j] += h * (v[j] + 0.5 * change[j])
+                v[j] += change[j]
