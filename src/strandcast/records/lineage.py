@@ -193,8 +193,9 @@ def changed_inputs(root: Path, recorded: Mapping[str, str]) -> list[str]:
 
 def relative_to(root: Path, path: Path) -> str:
     """Return a path as lineage names it: relative to the project, with forward slashes."""
-    path, root = path.absolute(), root.absolute()
-    return path.relative_to(root).as_posix() if path.is_relative_to(root) else path.name
+    # As text: thousands of paths are named in a run that finds nothing to do.
+    whole, folder = str(path.absolute()), f"{root.absolute()}{os.sep}"
+    return whole.removeprefix(folder).replace(os.sep, "/") if whole.startswith(folder) else path.name
 
 
 def _named(experiment: str, trial: int) -> str:

@@ -116,13 +116,15 @@ def status_of(root: Path, name: str) -> Status:
 def _status_of(context: Context) -> Status:
     root, name = context.folder.root, context.name
     context.arm_file  # noqa: B018  (raises if there is none)
-    findings = [] if is_fresh(context) else verify(root, name, raw=False)
+    numbers, more = known_trials(context)
+    tasks = tasks_of(context, numbers, {})
+    findings = verify(root, name, raw=False) if more or _are_open(tasks) else []
     again = {relative_to(root, each.file): each.what for each in findings if each.state == "outdated"}
     damaged = [each for each in findings if each.state in ("damaged", "misplaced")]
-    numbers, more = known_trials(context)
     if more:
         again[f"results/{name}/report.html"] = "the lab throws another trial"
-    tasks = tasks_of(context, numbers, again)
+    if again:
+        tasks = tasks_of(context, numbers, again)
     faults = {relative_to(root, each.file): each for each in damaged}
     shown = sorted({0, *numbers, *context.folder.thrown_trials(), *(step.trial for step in tasks)})
     trials = [_trial(context, number, tasks, faults) for number in shown]
@@ -136,7 +138,11 @@ def _status_of(context: Context) -> Status:
 def is_fresh(context: Context) -> bool:
     """Return whether a run would find nothing to do: all results are there, and as their notes say."""
     trials, more = known_trials(context)
-    return not more and not any(task.runs or task.problem for task in tasks_of(context, trials, {}).values())
+    return not more and not _are_open(tasks_of(context, trials, {}))
+
+
+def _are_open(tasks: dict[Step, StepState]) -> bool:
+    return any(task.runs or task.problem for task in tasks.values())
 
 
 def _trial(
