@@ -11,6 +11,7 @@ from strandcast.workflow.project import make_project
 from strandcast_studies.benchmarks.batch.accounts import spent_by
 from strandcast_studies.benchmarks.batch.project import python_without_stages, record, record_empty
 from strandcast_studies.benchmarks.batch.run import Size, against_targets, extrapolated, measure, size, sizes
+from strandcast_studies.benchmarks.batch.trial import Row, stages_s, table
 
 BURN = "import time\nend = time.process_time() + {seconds}\nwhile time.process_time() < end: pass\n"
 
@@ -55,6 +56,31 @@ def test_a_batch_of_stages_that_do_nothing_is_made_to_its_reports_once(tmp_path:
     imported = {line.rpartition("|")[2].strip() for line in again.stderr.splitlines()}
     assert "snakemake.dag" in imported
     assert imported.isdisjoint({"pandas", "pyarrow", "scipy", "numba", "cv2"})
+
+
+def test_a_stage_costs_what_it_and_its_processes_spend_without_imports() -> None:
+    def process(cpu_s: float, *line: str, nested: bool = False) -> dict:
+        spent = {"cpu_s": cpu_s, "children_s": 1.0, "start_s": 0.1, "imports_s": 0.4}
+        return {"line": list(line), "nested": nested, **spent}
+
+    found = stages_s(
+        [
+            process(2.0, "-m", "strandcast", "stage", "clip", "lace", "1"),
+            process(5.0, "-m", "strandcast", "track", "lace", "1"),
+            process(5.0, "-m", "strandcast", "track", "lace", "2"),
+            process(1.0, "-m", "strandcast.video.decoding_process", nested=True),
+            process(9.0, "-m", "strandcast.cli.serve_stages", "8"),
+        ]
+    )
+    assert list(found.items()) == [("track", pytest.approx(11.0)), ("clip", pytest.approx(2.5))]
+
+
+def test_a_figure_stands_beside_its_peer() -> None:
+    rows = [Row("track, per frame", 4.5, "CPU ms", "the decoder alone", 2.25), Row("demo", 80.0, "CPU s")]
+    assert table(rows).splitlines() == [
+        "track, per frame      4.50 CPU ms   the decoder alone: 2.25",
+        "demo                 80.00 CPU s",
+    ]
 
 
 def test_every_trial_has_a_video_of_its_own(tmp_path: Path) -> None:

@@ -4,7 +4,7 @@ import json
 import os
 import subprocess
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from strandcast.workflow import stage_server
 
@@ -44,8 +44,19 @@ class Spent(NamedTuple):
         return self.imports_s + self.starts_s + self.engine_s
 
 
-def spent_by(line: list[str], root: Path, file: Path) -> Spent:
-    """Run Snakemake by a command in a folder and return what it spent; `file` is overwritten.
+class Accounts(NamedTuple):
+    """What a command spent: its own process with all that it waited for, and each Python among them.
+
+    ``processes`` are the lines that `hook.sitecustomize` writes.
+    """
+
+    cpu_s: float
+    peak_mb: float  # of the largest process
+    processes: list[dict[str, Any]]
+
+
+def accounts_of(line: list[str], root: Path, file: Path, **environment: str) -> Accounts:
+    """Run a command in a folder and return what it spent; `file` is overwritten.
 
     Raises
     ------
@@ -54,13 +65,27 @@ def spent_by(line: list[str], root: Path, file: Path) -> Spent:
     """
     file.unlink(missing_ok=True)
     path = os.pathsep.join([str(HOOK), *filter(None, [os.environ.get("PYTHONPATH")])])
-    environment = os.environ | {"PYTHONPATH": path, "STRANDCAST_ACCOUNTS": str(file)}
-    with subprocess.Popen(line, cwd=root, env=environment, stdin=subprocess.DEVNULL) as process:
+    given = os.environ | {"PYTHONPATH": path, "STRANDCAST_ACCOUNTS": str(file)} | environment
+    with subprocess.Popen(
+        line, cwd=root, env=given, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL
+    ) as process:
         _, status, usage = os.wait4(process.pid, 0)
         process.returncode = os.waitstatus_to_exitcode(status)
     if process.returncode:
         raise subprocess.CalledProcessError(process.returncode, line)
     processes = [json.loads(text) for text in file.read_text(encoding="utf-8").splitlines()]
+    return Accounts(usage.ru_utime + usage.ru_stime, usage.ru_maxrss / 1024, processes)
+
+
+def spent_by(line: list[str], root: Path, file: Path) -> Spent:
+    """Run Snakemake by a command in a folder and return what it spent; `file` is overwritten.
+
+    Raises
+    ------
+    subprocess.CalledProcessError
+        The command failed.
+    """
+    cpu_s, _, processes = accounts_of(line, root, file)
     engines = [one for one in processes if ENGINE in one["line"]]
     jobs = [one for one in processes if one not in engines]
     all_jobs_s = sum(one["children_s"] for one in engines)
@@ -72,6 +97,6 @@ def spent_by(line: list[str], root: Path, file: Path) -> Spent:
         stages_s,
         imports_s,
         all_jobs_s - stages_s - imports_s,
-        usage.ru_utime + usage.ru_stime - all_jobs_s,
+        cpu_s - all_jobs_s,
         max(one["peak_mb"] for one in engines),
     )

@@ -20,13 +20,19 @@ from strandcast.workflow.project import make_project
 DONOR = "demo"
 
 
-def throw_once(root: Path) -> Path:
-    """Make a project, throw the demo once in the lab, and return the folder of its raw files."""
+def demo_project(root: Path) -> Path:
+    """Make a project, and return the folder of the demo's raw files, which holds its settings."""
     make_project(root)
     donor = root / "data" / DONOR
     donor.mkdir()
     settings = (root / "config" / "experiments" / f"{DONOR}.yaml").read_text(encoding="utf-8")
     (donor / "experiment.yaml").write_text(settings, encoding="utf-8")
+    return donor
+
+
+def throw_once(root: Path) -> Path:
+    """Make a project, throw the demo once in the lab, and return the folder of its raw files."""
+    donor = demo_project(root)
     line = [sys.executable, "-m", "strandcast", "run", DONOR, "--until", "lab-throw"]
     subprocess.run(line, cwd=root, check=True)
     return donor

@@ -52,19 +52,15 @@ def sizes(text: str) -> list[Size]:
     return [size(part) for part in text.split(",") if part]
 
 
+def engine_line(root: Path, python: str) -> list[str]:
+    """Return the command that lets Snakemake make all results of a project."""
+    line = [python, "-m", "snakemake", "--cores", "2", "--workflow-profile", str(profile(root))]
+    return [*line, "--quiet", "all"]
+
+
 def measure(batch: Size, root: Path, python: str) -> dict[str, Any]:
     """Run a batch, then run it again without a change; return what both spent."""
-    line = [
-        python,
-        "-m",
-        "snakemake",
-        "--cores",
-        "2",
-        "--workflow-profile",
-        str(profile(root)),
-        "--quiet",
-        "all",
-    ]
+    line = engine_line(root, python)
     first = spent_by(line, root, root / "accounts.jsonl")
     if python != sys.executable:
         note_results(root)
