@@ -13,6 +13,7 @@ from strandcast.arm.settings import SpatialArmKeys, SpatialClamp
 from strandcast.arm.urdf import posed
 from strandcast.threads import over_ranges
 
+Vector = np.ndarray | tuple[float, float, float]  # within kernels; a tuple takes no memory
 HAND_POSE = 9  # place, direction, normal: as `strandcast.dynamics.batch.HandPath` takes them
 
 
@@ -113,7 +114,7 @@ def _reset(turn: np.ndarray, move: np.ndarray) -> None:
 
 
 @njit(cache=True)
-def turned(turn: np.ndarray, vector: np.ndarray, r: int) -> float:
+def turned(turn: np.ndarray, vector: Vector, r: int) -> float:
     """Return component r of a turned vector."""
     component: float = turn[r, 0] * vector[0] + turn[r, 1] * vector[1] + turn[r, 2] * vector[2]
     return component

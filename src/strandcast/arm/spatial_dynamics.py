@@ -9,7 +9,7 @@ import numpy as np
 from numba import njit
 
 from strandcast.arm.dynamics import Dynamics
-from strandcast.arm.spatial import turn_about, turned
+from strandcast.arm.spatial import Vector, turn_about, turned
 from strandcast.arm.urdf import dofs_of, owners, posed
 
 WORK = 5  # vectors of each joint that `write_torques` needs: axis, anchor, force, moment, the link's centre
@@ -106,7 +106,7 @@ def spatial_dynamics(model: mujoco.MjModel, held: dict[str, float], joints: Sequ
 
 
 @njit(cache=True)
-def cross_part(a: np.ndarray, b: np.ndarray, r: int) -> float:
+def cross_part(a: Vector, b: Vector, r: int) -> float:
     """Return component r of a vector product."""
     i, k = (r + 1) % 3, (r + 2) % 3
     component: float = a[i] * b[k] - a[k] * b[i]
