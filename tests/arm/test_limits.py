@@ -171,6 +171,23 @@ def test_power_and_momentum_are_those_of_mujoco(project_root: Path, name: str) -
         assert found[k, 3] == pytest.approx(power, rel=1e-4, abs=1e-3)
 
 
+@pytest.mark.parametrize("name", ["planar3", "fr3-space"])
+def test_dry_friction_costs_power_where_one_joint_brakes_another(
+    project_root: Path, tmp_path: Path, name: str
+) -> None:
+    arms, dry_n_m, time_s = project_root / "config/arms", 3.0, np.arange(5) * 1e-3
+    smooth = load_arm(arms / f"{name}.toml")
+    shutil.copy(arms / f"{name}.toml", tmp_path / "arm.toml")
+    urdf = (arms / f"{name}.urdf").read_text(encoding="utf-8")
+    urdf = urdf.replace("<limit", f'<dynamics friction="{dry_n_m}"/><limit')
+    (tmp_path / f"{name}.urdf").write_text(urdf, encoding="utf-8")
+    turning_rad_s = np.resize([1.0, -2.0], len(smooth.joints))
+    middle = 0.5 * (smooth.limits.lower_rad + smooth.limits.upper_rad)
+    q = middle + np.outer(time_s, turning_rad_s)
+    more_w = whole_arm(load_arm(tmp_path / "arm.toml"), q, time_s)[:, 3] - whole_arm(smooth, q, time_s)[:, 3]
+    np.testing.assert_allclose(more_w, dry_n_m * np.abs(turning_rad_s).sum(), rtol=1e-6)
+
+
 def test_a_stop_takes_the_longer_of_soft_stop_and_the_controllers_own(arm: PlanarArm) -> None:
     time_s = np.arange(5) * 1e-3
     q = np.array([0.3, 0.0, 0.0]) + np.outer(time_s, [3.0, 0.0, 0.0])

@@ -3,15 +3,18 @@ import resource
 import subprocess
 from collections.abc import Callable, Iterator
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 
+import mujoco
 import numpy as np
 import pytest
 
-from strandcast.arm.load import PlanarArm, load_arm
+from strandcast.arm.load import Arm, PlanarArm, load_arm
 from strandcast.core.trajectory import JointTrajectory
 from strandcast.errors import ENVIRONMENT, LOG_INCOMPLETE, REFUSED, StrandcastError
 from strandcast.executor.drivers.protocol import ArmState, Driver, Recording
+from strandcast.executor.move_to_start import slow_trajectory
 from strandcast.executor.play import play as play_checked
 from strandcast.executor.preflight import PlayOptions, run_preflight
 from strandcast.records.joint_log import JointLog, Run, read_run
@@ -368,3 +371,47 @@ def test_a_log_without_space_is_refused_before_the_arm_moves(
     assert caught.value.exit_code == REFUSED
     assert not driver.played
     assert not (tmp_path / "trial-01").exists()
+
+
+@pytest.mark.parametrize("turned_rad", [0.0, 0.8], ids=["throw's joints", "the base too"])
+def test_the_way_to_the_start_keeps_to_the_limits_of_the_whole_arm(turned_rad: float) -> None:
+    arm = load_arm(ROOT / "config/arms/ur5e-example.toml")
+    tool_m_s = 0.1
+    limits = np.where(arm.limits.whole_arm_limited, arm.limits.whole_arm, np.inf)
+    limits[:2] = tool_m_s
+    slow_arm = replace(arm, limits=replace(arm.limits, whole_arm=limits))
+    names = arm.all_joints
+    q_to = np.array([arm.held.get(name, -1.0) for name in names])
+    q_from = q_to + np.where([name in arm.joints for name in names], 0.4, 0.0)
+    q_from[0] -= turned_rad
+    usual, slow = (slow_trajectory(one, names, q_from, q_to, 100.0) for one in (arm, slow_arm))
+    usual_m_s, slow_m_s = flange_speed_m_s(arm, usual), flange_speed_m_s(arm, slow)
+    assert usual_m_s > 1.5 * tool_m_s
+    assert 0.3 * tool_m_s < slow_m_s <= tool_m_s
+    np.testing.assert_allclose(slow.q_rad[[0, -1]], [q_from, q_to], atol=1e-9)
+
+
+def flange_speed_m_s(arm: Arm, path: JointTrajectory) -> float:
+    """Return the greatest speed of the clamp's link on a path of all joints."""
+    data, places = mujoco.MjData(arm.model()), []
+    for angles in path.q_rad:
+        data.qpos[:] = angles
+        mujoco.mj_kinematics(arm.model(), data)
+        places.append(data.body(arm.clamp.link).xpos.copy())
+    speeds = np.linalg.norm(np.diff(places, axis=0), axis=1) / np.diff(path.time_s)
+    return float(speeds.max())
+
+
+def test_an_arm_that_is_slow_moves_to_the_start_all_the_same(
+    arm: PlanarArm, motion: Motion, tmp_path: Path
+) -> None:
+    limits = np.full_like(arm.limits.whole_arm, np.inf)
+    limits[:2] = 0.1
+    motion.write(tmp_path / "planned.json")
+    ready = run_preflight(
+        tmp_path / "planned.json", arm, PerfectArm(), tmp_path / "trial-01", PlayOptions(move_to_start=True)
+    )
+    slow_arm = replace(arm, limits=replace(arm.limits, whole_arm=limits))
+    away = PerfectArm(START + 0.5)
+    play_checked(replace(ready, arm=slow_arm), away, ready.short_hash, VirtualClock())
+    assert len(away.played) == 1

@@ -156,7 +156,7 @@ class StreamedArm:
 
     def move_to_start(self, q_rad: np.ndarray) -> None:
         names = list(self.arm.joints)
-        move_to_start(self.controller, self.state().q_rad, q_rad, self.rate_hz, names, self.clock)
+        move_to_start(self.controller, self.arm, self.state().q_rad, q_rad, self.rate_hz, names, self.clock)
 
     def play(self, command: JointTrajectory, folder: Path) -> Recording:
         self.played += 1

@@ -4,6 +4,7 @@ import numpy as np
 
 from strandcast.arm.load import Arm
 from strandcast.arm.stop import turned_in_stop
+from strandcast.arm.urdf import dofs_of
 from strandcast.records.motion import WHOLE_ARM
 
 SPEEDS, POWER, MOMENTUM, STOP = slice(0, 3), 3, 4, slice(5, 8)  # of `WHOLE_ARM`
@@ -23,7 +24,7 @@ def whole_arm(arm: Arm, q: np.ndarray, time_s: np.ndarray, wanted: np.ndarray = 
     q, time_s
         (..., T, J) angles [rad] at times (T,) [s].
     wanted
-        (8,) which quantities are wanted. Dry friction is taken as `Dynamics.torques` does.
+        (8,) which quantities are wanted.
 
     Returns
     -------
@@ -37,7 +38,10 @@ def whole_arm(arm: Arm, q: np.ndarray, time_s: np.ndarray, wanted: np.ndarray = 
         found[..., SPEEDS] = np.linalg.norm(np.diff(arm.limited_places(q), axis=-3), axis=-1) / step_s
     rows = [np.ascontiguousarray(x).reshape(-1, q.shape[-1]) for x in (middle, qd, qdd)]
     if wanted[POWER]:
-        power_w = np.abs((arm.dynamics.torques(*rows) * rows[1]).sum(axis=1))
+        torque, model = arm.dynamics.torques(*rows), arm.model()
+        dry = model.dof_frictionloss[dofs_of(model, arm.joints)]
+        # Joints that brake give back what others need, but not what is lost to dry friction.
+        power_w = np.abs(((torque - np.copysign(dry, torque)) * rows[1]).sum(axis=1)) + np.abs(rows[1]) @ dry
         found[..., POWER] = power_w.reshape(qd.shape[:-1])
     if wanted[MOMENTUM]:
         found[..., MOMENTUM] = arm.dynamics.momentum(*rows[:2]).reshape(qd.shape[:-1])

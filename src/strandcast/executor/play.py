@@ -12,6 +12,7 @@ from contextlib import contextmanager, nullcontext, suppress
 
 import numpy as np
 
+from strandcast.core.trajectory import JointTrajectory
 from strandcast.errors import ENVIRONMENT, LOG_INCOMPLETE, StrandcastError
 from strandcast.executor.checks import CHECK_STEP_S, await_start, check_limits, check_reach, check_state
 from strandcast.executor.drivers.protocol import Driver, Recording
@@ -100,7 +101,12 @@ def _bring_to_start(preflight: Preflight, driver: Driver, clock: Clock) -> None:
     check_state(path, arm, state)
     if preflight.options.move_to_start:
         start = np.array(motion.points[0].positions)
-        slow = slow_trajectory(state.q_rad, start, 1.0 / CHECK_STEP_S)
+        held = state.q_held_rad
+        q_from = np.array([*state.q_rad, *held.values()])
+        q_to = np.array([*start, *(arm.held[name] for name in held)])
+        whole = slow_trajectory(arm, [*arm.joints, *held], q_from, q_to, 1.0 / CHECK_STEP_S)
+        moved = (x[:, : len(start)] for x in (whole.q_rad, whole.qd_rad_s, whole.qdd_rad_s2))
+        slow = JointTrajectory(whole.time_s, *moved)
         check_limits(path, "the move to the start", arm, slow)
         check_reach(path, arm, slow, preflight.options.hanging_m)
         driver.move_to_start(start)

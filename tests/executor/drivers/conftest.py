@@ -1,19 +1,26 @@
 """A live test that fails on every try is skipped, with the reason, where the machine itself stood still."""
 
 import ctypes
+import itertools
 import multiprocessing
+import os
 import sys
 import time
-from collections.abc import Generator, Iterator
+from collections.abc import Callable, Generator, Iterator
+from contextlib import ExitStack
 from multiprocessing.sharedctypes import Synchronized
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from .network import Network
+
 # Well above the lateness of an idle machine (under 2 ms), and what a controller of 500 Hz or 1 kHz notices.
 STALLED_S = 0.010
 STEP_S = 0.001
+DELAY_S = 0.020  # of the network, each way
+NUMBERS = itertools.count(1)
 sys.path.append(str(Path(__file__).parents[3]))  # processes that tests start find the tests
 
 
@@ -45,6 +52,20 @@ def watched(request: pytest.FixtureRequest) -> None:
     if request.node.get_closest_marker("flaky"):
         request.node.lateness = request.getfixturevalue("lateness")
         request.node.lateness.value = 0.0
+
+
+@pytest.fixture
+def network() -> Iterator[Callable[..., Network]]:
+    """Return a function that puts a slow network before a stand-in; see `Network`."""
+    with ExitStack() as stack:
+
+        def make(back: str, *ports: int) -> Network:
+            host = f"127.{220 + os.getpid() % 30}.{os.getpid() // 30 % 250}.{next(NUMBERS)}"
+            made = Network(host, back, ports, DELAY_S)
+            stack.callback(made.end)
+            return made
+
+        yield make
 
 
 @pytest.hookimpl(wrapper=True)

@@ -372,6 +372,7 @@ class Controller:
         self.counts["servoj"] += 1
         if self.counts["servoj"] > 1:
             moved = max(abs(a - b) for a, b in zip(number[:6], self.arm.target, strict=True))
+            self.counts["largest_step_rad"] = max(moved, self.counts.get("largest_step_rad", 0.0))
             if moved > JUMP_RAD:
                 self.halt(PROTECTIVE_STOP)
                 return

@@ -15,6 +15,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -38,6 +39,7 @@ from strandcast.executor.preflight import PlayOptions, run_preflight
 from strandcast.records.joint_log import JointLog, Run, read_joint_log, read_run
 
 from ..motions import swing
+from .network import Network
 from .rtde_standin import Setting, StandIn
 
 pytest.importorskip("rtde_control", reason="vendor package ur_rtde; make test-drivers")
@@ -49,6 +51,7 @@ DURATION_S = 0.6
 LEAD_S = 0.5  # the arm is held so long before the motion begins
 MID_S = LEAD_S + 0.5 * DURATION_S  # when most faults happen
 SERVO_LAG_S = 0.034  # of the stand-in: look-ahead and transport
+PEAK = 1.875  # of a swing's speed, over its mean
 CB3 = {"version": (3, 15, 0)}
 NUMBERS = itertools.count(1)
 
@@ -327,6 +330,24 @@ def test_a_frozen_time_stamp_stops_the_arm_softly(bench: Make) -> None:
     assert (np.abs(np.array(report["q_rad"])[1:4] - START - WAY) > 0.01).all()  # stopped before its end
 
 
+@again
+def test_on_a_slow_network_that_loses_packets_the_arm_keeps_up_or_stops(
+    bench: Make, network: Callable[..., Network]
+) -> None:
+    there = bench(**CB3)
+    between = network(there.standin.host, 29999, 30001, 30002, 30003, 30004)
+    there.arm.driver_settings["host"] = between.host
+    when_it_moves(there, lambda: setattr(between.loss, "value", 0.01), since_s=0.0)
+    with suppress(StrandcastError):
+        there.play()
+    run = Run.read(there.folder / "trial-01" / "run.json")
+    assert run.status != "fault", run.reason  # the stand-in stops where its target jumps
+    assert run.lateness is not None
+    report = at_rest(there)
+    step_rad = PEAK * np.abs(WAY).max() / DURATION_S / 125.0
+    assert report["largest_step_rad"] < 1.01 * (1 + run.lateness.missed) * step_rad
+
+
 @pytest.mark.parametrize("fault", ["half_close_at_s", "mute_at_s", "drop_sender_at_s"])
 @again
 def test_a_broken_connection_ends_the_run_and_nothing_resumes_it(bench: Make, fault: str) -> None:
@@ -449,11 +470,11 @@ def sending_to(host: str) -> bool:
     return True
 
 
-def when_it_moves(there: Bench, do: Callable[[], object]) -> None:
-    """Do something in the middle of the motion."""
+def when_it_moves(there: Bench, do: Callable[[], object], since_s: float = MID_S) -> None:
+    """Do something in the middle of the motion, or so long after the first set point."""
 
     def wait() -> None:
-        while there.standin.report()["servoj"] < MID_S * 125:
+        while there.standin.report()["servoj"] <= since_s * 125:
             time.sleep(0.005)
         do()
 

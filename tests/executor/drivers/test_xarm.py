@@ -5,8 +5,10 @@ It shows what happens on the wire and in the log; it does not show what an xArm 
 
 import itertools
 import os
+import threading
+import time
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from pathlib import Path
 
 import numpy as np
@@ -21,6 +23,7 @@ from strandcast.records.joint_log import JointLog, Run, read_joint_log, read_run
 from strandcast.records.motion import Motion
 
 from ..motions import swing
+from .network import Network
 from .xarm_standin import Handle
 
 pytest.importorskip("xarm", reason="vendor package xarm-python-sdk; make test-drivers")
@@ -156,13 +159,40 @@ def test_late_answers_hold_up_no_set_point(bench: Make) -> None:
     assert run.lateness.missed <= 2
 
 
+@again
+def test_on_a_slow_network_that_loses_packets_the_arm_keeps_up_or_stops(
+    bench: Make, network: Callable[..., Network]
+) -> None:
+    setup = bench()
+    between = network(setup.driver.address, 502, 30000, 30001)
+    setup.driver.address = between.host
+
+    def lose_from_the_first_set_point() -> None:
+        while not setup.box.seen().set_points:
+            time.sleep(0.01)
+        between.loss.value = 0.01
+
+    threading.Thread(target=lose_from_the_first_set_point, daemon=True).start()
+    with suppress(StrandcastError):
+        setup.play()
+    run = Run.read(setup.folder / "trial-01" / "run.json")
+    assert run.status != "fault", run.reason
+    assert run.lateness is not None
+    seen = setup.box.seen()
+    assert seen.error == 0
+    step_rad = 1.875 * np.abs(WAY).max() / DURATION_S / 250.0  # a swing's fastest
+    steps = np.abs(np.diff(seen.set_points, axis=0)[:, MOVING])
+    assert steps.max() < 1.01 * (1 + run.lateness.missed) * step_rad
+
+
 @pytest.mark.parametrize(
     ("change", "words"),
     [
         ({"error": 2}, "error C2"),
         ({"enabled": False}, "motors are not enabled"),
         ({"state": 4}, "stopped or paused"),
-        ({"silent": True}, "cannot be used|no report"),
+        ({"silent": True}, "no report comes on port 30000"),
+        ({"answers": False}, "answers no command on port 502"),
     ],
 )
 def test_an_arm_that_is_not_ready_is_refused_and_nothing_is_sent(

@@ -41,6 +41,7 @@ class ControlBox:
         self.mode, self.state, self.error = 0, STANDING, 0
         self.enabled = True
         self.silent = False  # answers and reports nothing more
+        self.answers = True  # if not, it only reports
         self.longer = 1.0  # how much faster than by the arm's file the hand is
         self.deaf_at_s: float | None = None  # of the time in servo mode: the connection is lost
         self.hit_at_s: float | None = None  # an obstacle
@@ -190,7 +191,7 @@ def _client(box: ControlBox, link: socket.socket) -> None:
         while head := stream.read(6):
             transaction, protocol, length = struct.unpack(">HHH", head)
             request = stream.read(length)
-            if box.silent or length < 1:
+            if box.silent or not box.answers or length < 1:
                 continue
             data = box.answer(request[0], request[1:])
             head = struct.pack(">HHHBB", transaction, protocol, 2 + len(data), request[0], box.flags())

@@ -160,7 +160,7 @@ class FrankaDriver:
         """Move all seven joints slowly, the moving ones to (J,) angles, the held ones to theirs."""
         link = FrankaLink(self._vendor, self._robot, np.arange(JOINTS))
         q_from = np.array(self._read_state().q_d)
-        move_to_start(link, q_from, self._joints.all_angles(q_rad), RATE_HZ, self._settings.joints)
+        move_to_start(link, self._arm, q_from, self._joints.all_angles(q_rad), RATE_HZ, self._settings.joints)
 
     def play(self, command: JointTrajectory, folder: Path) -> Recording:
         """Stream the motion; write all seven joints' states to franka.csv in `folder`, also after a fault."""

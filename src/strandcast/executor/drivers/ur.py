@@ -180,7 +180,7 @@ class UrDriver:
         with UrSender(self._settings) as sender:
             link = UrLink(self._receive, sender, None, self._settings)
             q_from = np.array(self._receive.getActualQ())
-            move_to_start(link, q_from, self._joints.all_angles(q_rad), self.rate_hz, names)
+            move_to_start(link, self._arm, q_from, self._joints.all_angles(q_rad), self.rate_hz, names)
         wait_until(lambda: not program_runs(self._receive), FRESH_S)
 
     def _refuse_fault(self) -> None:

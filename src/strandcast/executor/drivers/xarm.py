@@ -29,7 +29,14 @@ from strandcast.executor.drivers.registry import (
     refuse_fault,
     require_address,
 )
-from strandcast.executor.drivers.xarm_link import FRESH_S, RATE_HZ, RealtimeReport, XArmLink, fault_of
+from strandcast.executor.drivers.xarm_link import (
+    FRESH_S,
+    RATE_HZ,
+    RealtimeReport,
+    XArmLink,
+    answers,
+    fault_of,
+)
 from strandcast.executor.drivers.xarm_settings import XArmSettings
 from strandcast.executor.joint_mapping import ControllerJoints
 from strandcast.executor.locks import NOTHING_SENT
@@ -82,6 +89,8 @@ class XArmDriver:
                 # The client asks a silent controller a hundred times, which takes four minutes.
                 if not self._report.update(FRESH_S):
                     raise ConnectionError("no report comes on port 30000")
+                if not answers(self.address):
+                    raise ConnectionError("it reports, but answers no command on port 502")
                 self._api = client(self.address, is_radian=True, do_not_open=True, report_type="normal")
                 self._api.connect()
         except ImportError as error:
@@ -145,7 +154,7 @@ class XArmDriver:
         report = self._connected()
         link = XArmLink(self._api, report, self._count, None)
         q_from = report.joints(self._count)[0]
-        move_to_start(link, q_from, self._joints.all_angles(q_rad), RATE_HZ, self._settings.joints)
+        move_to_start(link, self._arm, q_from, self._joints.all_angles(q_rad), RATE_HZ, self._settings.joints)
 
     def play(self, command: JointTrajectory, folder: Path) -> Recording:
         """Stream the motion in servo mode; the log has a row per set point, with the newest report."""

@@ -18,11 +18,21 @@ from strandcast.executor.streaming.easing import StartEasing
 from strandcast.executor.streaming.link import ControllerState, ControllerStopped
 
 RATE_HZ = 250.0
-REALTIME_PORT = 30000
+COMMAND_PORT, REALTIME_PORT = 502, 30000
 FRESH_S = 1.0  # chosen; a report comes every 4 ms
 POSITION_MODE, SERVO_MODE = 0, 1
 READY, PAUSED = 0, 3  # states to set, and the first that is reported of an arm that does not move
 MOVE_SERVOJ = 29  # the command of a set point
+
+
+def answers(host: str) -> bool:
+    """Ask for the version once, by the vendor's client; return whether an answer comes within 2 s."""
+    port = import_module("xarm.core.comm").SocketPort(host, COMMAND_PORT)
+    try:
+        code = import_module("xarm.core.wrapper").UxbusCmdTcp(port).get_version()[0]
+    finally:
+        port.close()
+    return bool(code < import_module("xarm.core.config.x_config").XCONF.UxbusState.ERR_TOUT)
 
 
 class RealtimeReport:
