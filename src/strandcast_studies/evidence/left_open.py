@@ -16,6 +16,7 @@ from strandcast.core.strings import PARAMETERS, REST_CURL, StringBatch, side
 from strandcast.dynamics.batch import HandPath
 from strandcast.dynamics.parameters import DRAG_KG_M3, Array
 from strandcast.estimation.descent import GaussNewtonModel, descend, descent_batch
+from strandcast.estimation.evaluation import W
 from strandcast.estimation.excitation import margins, other_motions
 from strandcast.estimation.fit import StringFit
 from strandcast.estimation.fit_objective import EvaluationLog, FitObjective
@@ -94,7 +95,13 @@ def measured(seed: int, axes: int, *, bare: bool) -> dict[str, Any]:
     parts, settings = problem.parts[fit.roll], problem.settings
     shares = parts.shares(settings.older_trials_weight)
     objective = FitObjective(
-        problem.model, fit.space, parts.throws, shares, settings.w, settings.evaluation, axes == 3
+        problem.model,
+        fit.space,
+        parts.throws,
+        shares,
+        0.0 if axes == 3 else W,
+        settings.evaluation,
+        axes == 3,
     )
     true = fit.space.chi_of(true_string(capture, problem))[0]
     start = min((true, fit.chi), key=lambda chi: objective.cost(chi[None])[0])

@@ -19,7 +19,6 @@ FILE = "rope_pendulum_0.62m_60fps.mp4"
 LENGTH_M = 0.62  # stated by its author
 PERIOD_S = 1.600  # measured from the same video by other means; standard deviation 0.004 over 18 periods
 FRAMES = 1844
-BACKGROUND_FRAMES = 40
 SMOOTH_FRAMES, SMOOTH_DEGREE = 15, 3  # of the local polynomial: a quarter of a second, a sixth of a period
 
 
@@ -41,7 +40,7 @@ class FilmedSwing:
 def follow(path: Path) -> FilmedSwing:
     """Track the video."""
     facts = inspect_video(path)
-    ball = track_ball(path, facts, BACKGROUND_FRAMES)
+    ball = track_ball(path, facts)
     arc = fit_arc(ball.centre_px)
     scale = arc_camera(arc, facts, LENGTH_M).scale_m_per_px
     return FilmedSwing(ball, np.asarray(camera_times(facts)), float(scale), arc.rms_px)
