@@ -11,7 +11,7 @@ from tests.forked import run_module
 from tests.report.chromium import Browser
 
 from strandcast.cli.throw import Terminal
-from strandcast.errors import StrandcastError
+from strandcast.errors import ABORTED, LOG_INCOMPLETE, REFUSED, StrandcastError
 from strandcast.executor.preflight import PlayOptions
 from strandcast.stages.context import Context, context_of
 from strandcast.workflow import sitting as room
@@ -123,6 +123,34 @@ def test_a_yes_does_not_last_longer_than_a_slow_program(
     (context.folder.results / "sitting").mkdir(parents=True)
     assert room._throw(sitting_of(context), context, context.folder.trial(1))
     assert (len(questions), len(played)) == (asked, 1)
+
+
+@pytest.mark.parametrize(
+    ("exit_code", "left", "thrown"),
+    [(REFUSED, [], False), (ABORTED, [], False), (ABORTED, ["joints.csv"], True), (LOG_INCOMPLETE, [], True)],
+    ids=["refused", "stopped on the way to the start", "stopped in the throw", "no log"],
+)
+def test_an_arm_that_did_not_throw_puts_no_trial_aside(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, exit_code: int, left: list[str], thrown: bool
+) -> None:
+    context = project(tmp_path / "project", "")
+    trial = context.folder.trial(1)
+
+    def play(*_: object) -> None:
+        for name in left:
+            trial.data.mkdir(parents=True)
+            (trial.data / name).touch()
+        raise StrandcastError("SC-X011", "it was stopped", exit_code=exit_code)
+
+    preflight = SimpleNamespace(short_hash="abcd1234")
+    monkeypatch.setattr(room, "_proposed", lambda *_: (preflight, "driver"))
+    for name in ("_write_pages", "_make_ready"):
+        monkeypatch.setattr(room, name, lambda *_, **__: None)
+    monkeypatch.setattr(room, "play", play)
+    sitting = sitting_of(context, "abcd1234")
+    assert room._throw(sitting, context, trial)
+    assert room._record(context)["thrown"] is thrown
+    assert ("nothing was thrown" in sitting.person.said) is not thrown
 
 
 def test_trials_are_put_aside_without_replacing_one_another(tmp_path: Path) -> None:

@@ -22,7 +22,7 @@ from typing import Any, Protocol
 from filelock import FileLock, Timeout
 
 from strandcast.arm.load import load_arm
-from strandcast.errors import ENVIRONMENT, REFUSED, StrandcastError
+from strandcast.errors import LOG_INCOMPLETE, StrandcastError
 from strandcast.executor.drivers.protocol import Driver
 from strandcast.executor.drivers.registry import driver_of_arm
 from strandcast.executor.dry_run_report import dry_run_report
@@ -363,8 +363,10 @@ def _throw(sitting: Sitting, context: Context, trial: TrialFolder) -> bool:
         play(preflight, driver, preflight.short_hash)
     except StrandcastError as error:  # what it left behind is put aside
         person.say(str(error))
-        refused = error.exit_code in (REFUSED, ENVIRONMENT)
-        _write_record(context, _record(context) | {"thrown": not refused})
+        thrown = bool(trial.raw_files()) or error.exit_code == LOG_INCOMPLETE
+        _write_record(context, _record(context) | {"thrown": thrown})
+        if not thrown:  # refused, or stopped on the way to the start
+            person.show("nothing was thrown")
     return True
 
 
