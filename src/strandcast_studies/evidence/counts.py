@@ -2,8 +2,8 @@
 
     python -m strandcast_studies.evidence.counts --cables black_weighted --counts 1-8 --seeds 1-2
 
-Of `pac_cable`, whose cables are held at one end, both motions of a cable are cut into recordings, the last of
-each motion held out; of `deform_dlo`, held at both ends, training sequences are fitted, and the evaluation
+The cables of `pac_cable` are held at one end: both motions of each are cut into recordings, the last of each
+motion held out; of `deform_dlo`, held at both ends, training sequences are fitted, and the evaluation
 sequences predicted. A seed gives the order of the recordings and the draws of the search.
 """
 

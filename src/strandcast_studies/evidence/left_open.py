@@ -2,7 +2,7 @@
 
     python -m strandcast_studies.evidence.left_open --seeds 500-509
 
-prints a line per capture, drawn as in `captured_weights`, one recording of which is fitted: the unknowns that
+prints a line per capture, drawn as in `captured_weights` and fitted to one recording: the unknowns that
 it can and cannot determine, which are named, and their intervals with the advised motion as a second one.
 """
 
@@ -58,7 +58,7 @@ def true_string(capture: Capture, problem: Problem) -> StringBatch:
 def can_determine(objective: FitObjective, chi: Array) -> dict[str, bool | None]:
     """Return which unknowns a recording determines, given exponents (d,) near the best; None: hardly.
 
-    It does not, if another string, an unknown of which is a factor of three off, explains it as well.
+    It does not, if another string, with one unknown off by a factor of three, explains it as well.
     """
     log, slopes, space = EvaluationLog(objective.cost), GaussNewtonModel(objective), objective.space
     d = len(chi)

@@ -41,7 +41,7 @@ PARTS: dict[str, tuple[str, Measure]] = {
 
 
 def measure_all(data: Path | None, parts: Collection[str] = tuple(PARTS)) -> list[Figure | Skipped]:
-    """Measure every one of these parts whose data exist."""
+    """Measure every one of these parts, if its data exist."""
     results: list[Figure | Skipped] = []
     for name, (folder, measure) in ((name, PARTS[name]) for name in parts):
         if data is None:

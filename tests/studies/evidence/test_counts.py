@@ -1,4 +1,4 @@
-"""Recordings by whose count errors are measured: none of those that are held out is fitted."""
+"""Counts of recordings: none of those that are held out is fitted."""
 
 import numpy as np
 

@@ -15,7 +15,7 @@ from strandcast.estimation.space import Space
 
 # All chosen.
 SCREENED, DESCENTS = 64, 3
-IN_PLANE = 2  # times as many, of unknowns some of which hardly matter
+IN_PLANE = 2  # times as many: some unknowns hardly matter there
 TOGETHER = 8  # steps of all descents, before the best one goes on alone
 SCREENING_FRAMES = 60  # of each series
 
