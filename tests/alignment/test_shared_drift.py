@@ -1,3 +1,5 @@
+import json
+
 import numpy as np
 import pytest
 
@@ -71,9 +73,10 @@ def test_the_command_prints_settings(tmp_path, capsys):
     main([str(tmp_path)])
     lines = capsys.readouterr().out.splitlines()
     assert lines[0].startswith("# drift of 2 trials: +")
-    assert lines[-1].split(": ")[0] == "  drift"
+    name, _, values = lines[-1].partition(": ")
+    assert name == "  drift"
+    assert np.isfinite(json.loads(values)).all()
     with pytest.raises(SystemExit, match="SC-W030"):
         main([str(tmp_path / "nothing")])
     with pytest.raises(StrandcastError):
         shared_drift([])
-    assert np.isfinite(float(lines[-2].split(": ")[1]))

@@ -15,7 +15,8 @@ from strandcast.camera.plane import PlaneGeometry, _around, _camera, board_marke
 from strandcast.camera.plane_checks import MarkerLayout, check_markers
 from strandcast.camera.plane_error import grid_over, place_sd_m, plane_error
 from strandcast.camera.pose import PlacedMarker, PoseFit, fit_pose, posed, project
-from strandcast.config.camera import Board, CameraSettings
+from strandcast.config.camera import Board
+from strandcast.config.load import load_experiment
 from strandcast.errors import StrandcastError
 from strandcast.records.camera import Camera, Lens
 
@@ -292,12 +293,16 @@ def test_a_wrong_marker_size_names_the_setting_of_the_board(photo, lens):
         assert caught.value.field == field
 
 
-def test_the_board_in_the_plane_is_the_lens_board_unless_it_says_otherwise():
-    board = {"squares_x": 9, "square_m": 0.02, "marker_m": 0.015}
-    camera = CameraSettings.model_validate(
-        {"board": board, "plane": {"board": {"x_m": 0.1, "y_m": 0.0, "squares_y": 4}}}
-    )
-    placed = camera.plane.board
+def test_the_board_in_the_plane_is_the_lens_board_unless_it_says_otherwise(tmp_path):
+    text = """
+string: {length_m: 0.3}
+target_m: [0.5, 0.5]
+camera:
+  board: {squares_x: 9, square_m: 0.02, marker_m: 0.015}
+  plane: {board: {x_m: 0.1, y_m: 0.0, squares_y: 4}}
+"""
+    (tmp_path / "experiment.yaml").write_text(text)
+    placed = load_experiment(tmp_path / "experiment.yaml").camera.plane.board
     assert (placed.squares_x, placed.squares_y, placed.square_m, placed.x_m) == (9, 4, 0.02, 0.1)
 
 

@@ -325,7 +325,7 @@ EXPERIMENT_PANELS = [
     ),
     Panel(
         "hands",
-        "Hand paths, first and last trial or hit",
+        "Hand paths",
         hand_paths,
         caption="Squares: where the motion starts. Grey: the trials between.",
         shown=lambda page: not page.in_space,
