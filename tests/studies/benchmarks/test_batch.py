@@ -87,7 +87,8 @@ def test_every_trial_has_a_video_of_its_own(tmp_path: Path) -> None:
     donor = tmp_path / "donor"
     for name in ("calibration", trial_name(1)):
         (donor / name).mkdir(parents=True)
-    (donor / "experiment.yaml").write_text("string: {length_m: 0.3}\nlab: {}\n")
+    (tmp_path / "config" / "experiments").mkdir(parents=True)
+    (tmp_path / "config" / "experiments" / "demo.yaml").write_text("string: {length_m: 0.3}\nlab: {}\n")
     (donor / trial_name(1) / "video.mp4").write_bytes(b"film")
     record(tmp_path, donor, 2, 2)
     folder = tmp_path / "data" / "batch-002"

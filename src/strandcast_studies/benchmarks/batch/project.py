@@ -20,30 +20,20 @@ from strandcast.workflow.project import make_project
 DONOR = "demo"
 
 
-def demo_project(root: Path) -> Path:
-    """Make a project, and return the folder of the demo's raw files, which holds its settings."""
-    make_project(root)
-    donor = root / "data" / DONOR
-    donor.mkdir()
-    settings = (root / "config" / "experiments" / f"{DONOR}.yaml").read_text(encoding="utf-8")
-    (donor / "experiment.yaml").write_text(settings, encoding="utf-8")
-    return donor
-
-
 def throw_once(root: Path) -> Path:
     """Make a project, throw the demo once in the lab, and return the folder of its raw files."""
-    donor = demo_project(root)
+    make_project(root)
     line = [sys.executable, "-m", "strandcast", "run", DONOR, "--until", "lab-throw"]
     subprocess.run(line, cwd=root, check=True)
-    return donor
+    return root / "data" / DONOR
 
 
 def record(root: Path, donor: Path, experiments: int, trials: int) -> None:
-    """Add experiments with as many trials of a real rig, all with the donor's recording.
+    """Add experiments with as many trials of a real rig, all with the recording of a demo.
 
     A free box at the end of each video makes it another file with the same frames.
     """
-    settings = YAML(typ="safe").load(donor / "experiment.yaml")
+    settings = YAML(typ="safe").load(root / "config" / "experiments" / f"{DONOR}.yaml")
     del settings["lab"]
     video = (donor / trial_name(1) / "video.mp4").read_bytes()
     for folder in (root / "data" / f"batch-{number:03d}" for number in range(1, experiments + 1)):

@@ -19,7 +19,7 @@ from strandcast.core.trial_names import trial_name
 from strandcast.records.manifest import Manifest
 from strandcast.workflow.project import make_project
 from strandcast_studies.benchmarks.batch.accounts import accounts_of
-from strandcast_studies.benchmarks.batch.project import DONOR, demo_project, record
+from strandcast_studies.benchmarks.batch.project import DONOR, record
 from strandcast_studies.benchmarks.batch.run import LARGE, Size, engine_line, run, sizes
 from strandcast_studies.benchmarks.video.score import cpu_s
 from strandcast_studies.benchmarks.video.speed import decode_bare
@@ -53,7 +53,7 @@ def measured_demo(work: Path) -> list[Row]:
     elsewhere = {"XDG_CACHE_HOME": str(work / "cache"), "NUMBA_CACHE_DIR": ""}
     rows = []
     for name in ("cold", "second"):
-        demo_project(work / name)
+        make_project(work / name)
         spent = accounts_of([*STRANDCAST, "run", DONOR], work / name, work / "accounts.jsonl", **elsewhere)
         rows.append(Row(f"demo, {name}", spent.cpu_s, "CPU s"))
     return rows
@@ -139,7 +139,7 @@ def main(arguments: list[str] | None = None) -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--donor", type=Path, help="take trial 1 of this data/EXPERIMENT; no demo is run")
+    parser.add_argument("--donor", type=Path, help="data/demo of a project that has run it; no demo is run")
     parser.add_argument("--no-batch", action="store_true", help="leave out a thousand trials")
     parser.add_argument("--out", type=Path, default=Path("results/bench-trial.json"))
     chosen = parser.parse_args(arguments)
