@@ -185,8 +185,9 @@ faults-nightly: $(VENV)/dev.stamp fuzz  ## `make fuzz`, kill runs and stages, an
 	@$(BIN)/python -m tests.faults.refused_calls
 
 .PHONY: test-drivers
-test-drivers: $(DRIVERS)/drivers.stamp $(FRANKA_SIM)/franka-sim.stamp  ## run the drivers' tests, against a Franka controller and a simulated UR
+test-drivers: $(DRIVERS)/drivers.stamp $(FRANKA_SIM)/franka-sim.stamp  ## run the drivers' tests, against a Franka controller and a simulated UR; ALL=1: whole sittings too
 	@STRANDCAST_FRANKA_SIM="$(CURDIR)/$(FRANKA_SIM)/bin/python" $(DRIVERS)/bin/python -m pytest --numprocesses $(CORES) --dist loadfile \
+	  $(if $(ALL),,-m "not thorough") \
 	  tests/executor/drivers tests/exports/test_recordings.py
 
 .PHONY: test-slurm

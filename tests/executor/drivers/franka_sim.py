@@ -28,9 +28,9 @@ def python() -> str:
 
 
 @contextmanager
-def served(folder: Path) -> Iterator[Server]:
-    """Run a server, and end it afterwards."""
-    server = Server(folder)
+def served(folder: Path, longest_s: float = 400.0) -> Iterator[Server]:
+    """Run a server, and end it afterwards, or by itself after so long."""
+    server = Server(folder, longest_s)
     try:
         server.wait_until_ready()
         yield server
@@ -44,13 +44,16 @@ class Server:
     The port is fixed by the protocol: an address of its own on the loopback lets several run side by side.
     """
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, longest_s: float) -> None:
         self.host = ".".join(map(str, [127, *(random.randint(1, 250) for _ in range(3))]))
         self._log = folder / "franka-sim.log"
         with self._log.open("w") as log:
             # -P: this folder's own franka_sim.py must not hide the package.
             self.process = subprocess.Popen(
-                [python(), "-P", str(HERE / "franka_sim_server.py"), self.host, str(folder / "fr3.xml")],
+                [
+                    *(python(), "-P", str(HERE / "franka_sim_server.py"), self.host),
+                    *(str(folder / "fr3.xml"), str(longest_s)),
+                ],
                 stdout=log,
                 stderr=subprocess.STDOUT,
                 start_new_session=True,

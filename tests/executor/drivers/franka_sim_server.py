@@ -17,7 +17,6 @@ import franka_sim
 import mujoco
 from franka_sim.mujoco_franka_sim import MujocoFrankaSim
 
-LONGEST_S = 400.0  # a client that waits for an answer that never comes waits no longer than this
 NICE = -10  # a controller has a computer of its own
 ARMATURE_KG_M2 = (0.2, 0.2, 0.2, 0.2, 0.1, 0.1, 0.1)
 DAMPING_N_M_S = 1.0
@@ -37,17 +36,17 @@ def write_model(path: Path) -> None:
     path.write_text(spec.to_xml())
 
 
-def end_in_time(parent: int) -> None:
-    """End the process when its parent has ended, or after so long."""
-    deadline = time.monotonic() + LONGEST_S
+def end_in_time(parent: int, longest_s: float) -> None:
+    """End the process when its parent has ended, or after so long: no client waits for ever."""
+    deadline = time.monotonic() + longest_s
     while os.getppid() == parent and time.monotonic() < deadline:
         time.sleep(0.5)
     os._exit(1)
 
 
-def main(host: str, model: Path) -> None:
+def main(host: str, model: Path, longest_s: float) -> None:
     """Serve until killed, with the controller's reflexes on limits and lost commands switched on."""
-    threading.Thread(target=end_in_time, args=(os.getppid(),), daemon=True).start()
+    threading.Thread(target=end_in_time, args=(os.getppid(), longest_s), daemon=True).start()
     with suppress(PermissionError):
         os.nice(NICE)
     write_model(model)
@@ -63,4 +62,4 @@ def main(host: str, model: Path) -> None:
 
 if __name__ == "__main__":
     logging.basicConfig(level=logging.INFO)
-    main(sys.argv[1], Path(sys.argv[2]))
+    main(sys.argv[1], Path(sys.argv[2]), float(sys.argv[3]))

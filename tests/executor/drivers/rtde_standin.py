@@ -119,6 +119,7 @@ class Setting:
     hold: tuple[float, float] | None = None  # packages wait from … to, and then come all at once
     freeze_stamp_at_s: float | None = None  # the time stamp stands still, all else goes on
     slow_at_s: float | None = None  # the slider goes to a half
+    slow_above_rad_s: float | None = None  # the same, once a joint is faster
     protective_stop_at_s: float | None = None
     emergency_stop_at_s: float | None = None
     stop_program_at_s: float | None = None
@@ -256,6 +257,8 @@ class Controller:
         self.fraction = setting.speed_fraction
         self.random = random.Random(1)
         self.stamp = 0.0
+        self.last_target = self.arm.target
+        self.path: list[list[float]] = []  # time stamp and true angles while servoj moves the arm
 
     # The clock.
 
@@ -282,6 +285,11 @@ class Controller:
         if not self.broken or self.setting.mute_at_s is None:
             self._program()
         self.arm.step()
+        if self.playing and self.first_servoj is not None:
+            self.path.append([self.ticks * self.period_s, *self.arm.q])
+            moved = max(abs(a - b) for a, b in zip(self.arm.target, self.last_target, strict=True))
+            self.counts["largest_cycle_rad"] = max(moved, self.counts.get("largest_cycle_rad", 0.0))
+        self.last_target = self.arm.target
         if not (self.setting.clock_stands or self.due(self.setting.freeze_stamp_at_s)):
             self.stamp = self.ticks * self.period_s
         self._publish()
@@ -290,7 +298,8 @@ class Controller:
         s = self.setting
         if self.due(s.die_at_s):
             os._exit(9)
-        if self.due(s.slow_at_s):
+        fast = s.slow_above_rad_s is not None and max(map(abs, self.arm.qd)) > s.slow_above_rad_s
+        if fast or self.due(s.slow_at_s):
             self.fraction = 0.5
         if self.due(s.protective_stop_at_s) and self.safety == NORMAL:
             self.halt(PROTECTIVE_STOP)
@@ -560,7 +569,14 @@ class Controller:
             self.counts["uploads"] += 1
             if self.safety == NORMAL and self.mode == RUNNING and self.setting.remote:
                 self.playing, self.executing, self.answer = True, False, READY
+                self.path.clear()
                 self.registers["input_int_register_0"] = 0
+
+    def change(self, values: dict[str, Any]) -> None:
+        """Change settings, as a person at the pendant does."""
+        with self.lock:
+            vars(self.setting).update(values)
+            self.fraction = values.get("speed_fraction", self.fraction)
 
     def report(self) -> dict[str, Any]:
         with self.lock:
@@ -625,7 +641,10 @@ def listen(host: str, port: int, serve: Callable[[socket.socket], None]) -> None
 
 
 def main() -> None:
-    """Serve with the settings of the first argument; every line from stdin is answered with a report."""
+    """Serve with the settings of the first argument; every line from stdin is answered.
+
+    "path" with the arm's path; settings as JSON, which are changed, with a report.
+    """
     with contextlib.suppress(OSError, AttributeError):  # a controller keeps time; its threads inherit this
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(60))
     controller = Controller(Setting(**json.loads(sys.argv[1])))
@@ -637,8 +656,13 @@ def main() -> None:
     threading.Thread(target=controller.run, daemon=True).start()
     sys.stdout.write("ready\n")
     sys.stdout.flush()
-    for _ in sys.stdin:
-        sys.stdout.write(json.dumps(controller.report()) + "\n")
+    for line in sys.stdin:
+        if line == "path\n":
+            answer: Any = controller.path
+        else:
+            controller.change(json.loads(line))
+            answer = controller.report()
+        sys.stdout.write(json.dumps(answer) + "\n")
         sys.stdout.flush()
 
 
@@ -657,13 +681,20 @@ class StandIn:
         if self._process.stdout.readline() != "ready\n":
             raise OSError(f"the stand-in could not listen at {setting.host}")
 
-    def report(self) -> dict[str, Any]:
-        """Return the received commands and the posture."""
+    def report(self, **settings: Any) -> dict[str, Any]:
+        """Return the received commands and the posture; change settings before."""
+        return dict(self._ask(json.dumps(settings)))
+
+    def path(self) -> list[list[float]]:
+        """Return time stamp and true angles of the newest program, while servoj moved the arm."""
+        return list(self._ask("path"))
+
+    def _ask(self, line: str) -> Any:
         assert self._process.stdin is not None
         assert self._process.stdout is not None
-        self._process.stdin.write("\n")
+        self._process.stdin.write(f"{line}\n")
         self._process.stdin.flush()
-        return dict(json.loads(self._process.stdout.readline()))
+        return json.loads(self._process.stdout.readline())
 
     def end(self) -> None:
         """End the process, if it still lives."""

@@ -45,8 +45,10 @@ class ControlBox:
         self.longer = 1.0  # how much faster than by the arm's file the hand is
         self.deaf_at_s: float | None = None  # of the time in servo mode: the connection is lost
         self.hit_at_s: float | None = None  # an obstacle
+        self.hit_above_rad_s = np.inf  # the same, once a joint is faster
         self.delay_s = 0.0  # of the answers to set points
         self.set_points: list[np.ndarray] = []
+        self.path: list[list[float]] = []  # time and angles since the last servo mode began
         self.servo_s = 0.0
         self.lock = threading.Lock()
         self.alive = True
@@ -61,7 +63,9 @@ class ControlBox:
             before = self.q.copy()
             if self.mode == 1 and self.state != STOPPED:
                 self.servo_s += CYCLE_S
-                if self.hit_at_s is not None and self.servo_s > self.hit_at_s:
+                self.path.append([self.servo_s, *self.q])
+                fast = np.abs(self.qd).max() > self.hit_above_rad_s
+                if fast or (self.hit_at_s is not None and self.servo_s > self.hit_at_s):
                     self.stop(COLLISION)
                 elif self.deaf_at_s is not None and self.servo_s > self.deaf_at_s:
                     self.silent = True
@@ -89,7 +93,9 @@ class ControlBox:
             if function == GET_VERSION:
                 return (VERSION % self.firmware.encode()).ljust(40, b"\0")
             if function == SET_MODE:
-                self.mode, self.command, self.servo_s = data[0], self.q.copy(), 0.0
+                self.mode, self.command = data[0], self.q.copy()
+                if self.mode == 1:
+                    self.servo_s, self.path = 0.0, []
             elif function == SET_STATE and not self.error and self.enabled:
                 self.state = {0: STANDING}.get(data[0], data[0])
             elif function == GET_STATE:
@@ -167,7 +173,7 @@ def _serve(
         threading.Thread(target=function, args=given, daemon=True).start()
     while True:
         vars(box).update(pipe.recv())
-        shown = ("q", "mode", "state", "error", "set_points")
+        shown = ("q", "mode", "state", "error", "set_points", "path")
         pipe.send({name: getattr(box, name) for name in shown})
 
 
