@@ -64,7 +64,7 @@ class Stand:
     Attributes
     ----------
     path
-        Returns times and angles (T, 1 + N) of the last throw, of which `moving` move.
+        Returns times and angles (T, 1 + N) of the last throw; only the joints `moving` move.
     stop
         Has the next throw stopped, for `reason`; it is called before the throw.
     stop_now
