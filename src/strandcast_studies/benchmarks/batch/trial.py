@@ -37,7 +37,7 @@ BATCHES = "1x10,10x10"  # experiments x trials, from which a thousand trials are
 REPEATS = 5  # of commands that take a second
 
 
-class Row(NamedTuple):
+class MeasuredCost(NamedTuple):
     """A line of the table: a figure, and that of a peer in the same run."""
 
     what: str
@@ -47,7 +47,7 @@ class Row(NamedTuple):
     peer_figure: float | None = None
 
 
-def measured_demo(work: Path) -> list[Row]:
+def measured_demo(work: Path) -> list[MeasuredCost]:
     """Run the demo in two projects, in the first without compiled kernels."""
     # The variable would name this process's own folder of kernels.
     elsewhere = {"XDG_CACHE_HOME": str(work / "cache"), "NUMBA_CACHE_DIR": ""}
@@ -55,11 +55,11 @@ def measured_demo(work: Path) -> list[Row]:
     for name in ("cold", "second"):
         make_project(work / name)
         spent = accounts_of([*STRANDCAST, "run", DONOR], work / name, work / "accounts.jsonl", **elsewhere)
-        rows.append(Row(f"demo, {name}", spent.cpu_s, "CPU s"))
+        rows.append(MeasuredCost(f"demo, {name}", spent.cpu_s, "CPU s"))
     return rows
 
 
-def measured_trial(root: Path, donor: Path) -> list[Row]:
+def measured_trial(root: Path, donor: Path) -> list[MeasuredCost]:
     """Make the results of one recorded trial, and once more nothing, in a new project `root`."""
     make_project(root)
     record(root, donor, 1, 1)
@@ -74,11 +74,14 @@ def measured_trial(root: Path, donor: Path) -> list[Row]:
     decode_bare(root / "data" / RECORDED / trial_name(1) / "video.mp4")
     decoder = "the decoder alone", ms * (cpu_s() - before_s)
     return [
-        Row("recorded trial", first.cpu_s, "CPU s"),
-        *(Row(f"  {name}", seconds, "CPU s") for name, seconds in stages.items()),
-        Row("  engine, starts, imports", rest_s, "CPU s"),
-        *(Row(f"{name}, per frame", ms * stages[name], "CPU ms", *decoder) for name in ("track", "clip")),
-        Row("nothing to do, one trial", again.cpu_s, "CPU s", *empty_rules(root, len(stages))),
+        MeasuredCost("recorded trial", first.cpu_s, "CPU s"),
+        *(MeasuredCost(f"  {name}", seconds, "CPU s") for name, seconds in stages.items()),
+        MeasuredCost("  engine, starts, imports", rest_s, "CPU s"),
+        *(
+            MeasuredCost(f"{name}, per frame", ms * stages[name], "CPU ms", *decoder)
+            for name in ("track", "clip")
+        ),
+        MeasuredCost("nothing to do, one trial", again.cpu_s, "CPU s", *empty_rules(root, len(stages))),
     ]
 
 
@@ -102,7 +105,7 @@ def empty_rules(root: Path, count: int) -> tuple[str, float]:
     return "Snakemake, empty rules", again.cpu_s
 
 
-def measured_commands(root: Path) -> list[Row]:
+def measured_commands(root: Path) -> list[MeasuredCost]:
     """Call commands that only look at a project, several times each."""
 
     def median_s(*line: str) -> float:
@@ -111,20 +114,20 @@ def measured_commands(root: Path) -> list[Row]:
 
     python = "Python alone", median_s(sys.executable, "-c", "")
     asked = (["--help"], ["status"], ["check", RECORDED])
-    return [Row(" ".join(words), median_s(*STRANDCAST, *words), "CPU s", *python) for words in asked]
+    return [MeasuredCost(" ".join(words), median_s(*STRANDCAST, *words), "CPU s", *python) for words in asked]
 
 
-def measured_batch(work: Path) -> list[Row]:
+def measured_batch(work: Path) -> list[MeasuredCost]:
     """Return what the engine costs for a thousand trials of stages that do nothing."""
     large = run(Size(0, 0), sizes(BATCHES), work, None)["extrapolated"]
     what = f"{LARGE} trials (extrapolated)"
     return [
-        Row(f"nothing to do, {what}", large["no_op_s"], "CPU s"),
-        Row(f"engine's memory, {what}", large["engine_mb"], "MB"),
+        MeasuredCost(f"nothing to do, {what}", large["no_op_s"], "CPU s"),
+        MeasuredCost(f"engine's memory, {what}", large["engine_mb"], "MB"),
     ]
 
 
-def table(rows: list[Row]) -> str:
+def table(rows: list[MeasuredCost]) -> str:
     """Return the rows as text."""
     width = max(len(row.what) for row in rows)
     lines = []
