@@ -15,39 +15,39 @@ from strandcast.arm.urdf import dofs_of, owners, posed
 WORK = 5  # vectors of each joint that `write_torques` needs: axis, anchor, force, moment, the link's centre
 
 
-class JointAxes(NamedTuple):
-    """The moving joints at zero, in the frame of the URDF's root link.
+class Links(NamedTuple):
+    """The J moving links, each with all that is fixed to it: held joints, payload.
+
+    All joints are at zero, and all is in the frame of the URDF's root link.
 
     Attributes
     ----------
     anchors_m, directions
         (J, 3) a place on each joint's axis [m], and its unit vector, in the sense of a positive angle.
+    mass_kg, centre_m, inertia_kg_m2
+        (J,), (J, 3), (J, 3, 3) about the centre.
     """
 
     anchors_m: np.ndarray
     directions: np.ndarray
+    mass_kg: np.ndarray
+    centre_m: np.ndarray
+    inertia_kg_m2: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
 class SpatialDynamics(Dynamics):
-    """The J moving links, each with all that is fixed to it: held joints, payload; all joints at zero.
+    """The moving links and their joints.
 
     Attributes
     ----------
-    axes
-        Of the joints.
-    mass_kg, centre_m, inertia_kg_m2
-        (J,), (J, 3), (J, 3, 3) about the centre, in the frame of the URDF's root link.
     viscous, armature, dry
         (J,) of the joints: viscous friction [N m s/rad], motor inertia [kg m²], dry friction [N m].
     gravity_m_s2
         (3,).
     """
 
-    axes: JointAxes
-    mass_kg: np.ndarray
-    centre_m: np.ndarray
-    inertia_kg_m2: np.ndarray
+    links: Links
     viscous: np.ndarray
     armature: np.ndarray
     dry: np.ndarray
@@ -57,23 +57,20 @@ class SpatialDynamics(Dynamics):
 
     def torques(self, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray) -> np.ndarray:
         """Return torques (T, J) [N m], see `Dynamics.torques`."""
-        needed = newton_euler(
-            q, qd, qdd, self.axes, self.mass_kg, self.centre_m, self.inertia_kg_m2, self.gravity_m_s2
-        )
+        needed = newton_euler(q, qd, qdd, self.links, self.gravity_m_s2)
         needed += self.viscous * qd + self.armature * qdd
         return np.asarray(needed + np.copysign(self.dry, needed))
 
     def momentum(self, q: np.ndarray, qd: np.ndarray) -> np.ndarray:
         """Return the momentum (T,) [kg m/s], see `Dynamics.momentum`."""
-        links, still = (self.axes, self.mass_kg, self.centre_m, self.inertia_kg_m2), np.zeros_like(q)
+        still = np.zeros_like(q)
         # As in a plane.
-        parts = [(newton_euler(q, still, still, *links, unit) * qd).sum(axis=1) for unit in np.eye(3)]
+        parts = [(newton_euler(q, still, still, self.links, unit) * qd).sum(axis=1) for unit in np.eye(3)]
         return np.asarray(np.linalg.norm(parts, axis=0))
 
     def mass_matrix(self, q: np.ndarray) -> np.ndarray:
         """Return (J, J) [kg m²] of the links at angles (J,), without motors."""
-        links = self.axes, self.mass_kg, self.centre_m, self.inertia_kg_m2
-        return np.asarray(mass_matrix(np.ascontiguousarray(q, float), *links))
+        return np.asarray(mass_matrix(np.ascontiguousarray(q, float), self.links))
 
 
 def spatial_dynamics(model: mujoco.MjModel, held: dict[str, float], joints: Sequence[str]) -> SpatialDynamics:
@@ -94,10 +91,13 @@ def spatial_dynamics(model: mujoco.MjModel, held: dict[str, float], joints: Sequ
     dofs = dofs_of(model, joints)
     every = [data.joint(name) for name in joints]
     return SpatialDynamics(
-        JointAxes(np.array([joint.xanchor for joint in every]), np.array([joint.xaxis for joint in every])),
-        np.array(mass),
-        np.array(centre),
-        np.array(inertia),
+        Links(
+            np.array([joint.xanchor for joint in every]),
+            np.array([joint.xaxis for joint in every]),
+            np.array(mass),
+            np.array(centre),
+            np.array(inertia),
+        ),
         model.dof_damping[dofs],
         model.dof_armature[dofs],
         model.dof_frictionloss[dofs],
@@ -115,14 +115,7 @@ def cross_part(a: Vector, b: Vector, r: int) -> float:
 
 @njit(cache=True)
 def newton_euler(
-    q: np.ndarray,
-    qd: np.ndarray,
-    qdd: np.ndarray,
-    axes: JointAxes,
-    mass: np.ndarray,
-    centre: np.ndarray,
-    inertia: np.ndarray,
-    gravity: np.ndarray,
+    q: np.ndarray, qd: np.ndarray, qdd: np.ndarray, links: Links, gravity: np.ndarray
 ) -> np.ndarray:
     """Return torques (T, J) by recursive Newton-Euler (Luh, Walker and Paul, 1980), in the root's frame.
 
@@ -131,7 +124,7 @@ def newton_euler(
     """
     torque, work = np.empty(q.shape), np.empty((WORK, q.shape[1], 3))
     for t in range(len(q)):
-        write_torques(q[t], qd[t], qdd[t], axes, mass, centre, inertia, gravity, work, torque[t])
+        write_torques(q[t], qd[t], qdd[t], links, gravity, work, torque[t])
     return torque
 
 
@@ -140,17 +133,14 @@ def write_torques(
     q: np.ndarray,
     qd: np.ndarray,
     qdd: np.ndarray,
-    axes: JointAxes,
-    mass: np.ndarray,
-    centre: np.ndarray,
-    inertia: np.ndarray,
+    links: Links,
     gravity: np.ndarray,
     work: np.ndarray,
     torque: np.ndarray,
 ) -> None:
     """Write the torques (J,) of one instant; `work` is any memory (WORK, J, 3)."""
     axis, anchor, force, moment = work[0], work[1], work[2], work[3]
-    _outward(q, qd, qdd, axes, mass, centre, inertia, gravity, work)
+    _outward(q, qd, qdd, links, gravity, work)
     for j in range(len(q) - 1, -1, -1):
         if j + 1 < len(q):
             for r in range(3):
@@ -163,15 +153,7 @@ def write_torques(
 
 @njit(cache=True)
 def _outward(
-    q: np.ndarray,
-    qd: np.ndarray,
-    qdd: np.ndarray,
-    axes: JointAxes,
-    mass: np.ndarray,
-    centre: np.ndarray,
-    inertia: np.ndarray,
-    gravity: np.ndarray,
-    work: np.ndarray,
+    q: np.ndarray, qd: np.ndarray, qdd: np.ndarray, links: Links, gravity: np.ndarray, work: np.ndarray
 ) -> None:
     """Write axis, anchor, the force and moment about the anchor that each link needs, and its centre."""
     axis, anchor, force, moment, place = work[0], work[1], work[2], work[3], work[4]
@@ -180,23 +162,23 @@ def _outward(
     for r in range(3):
         pull[r] = -gravity[r]
     for j in range(len(q)):
-        _write_place(turn, move, axes.anchors_m[j], anchor[j])
+        _write_place(turn, move, links.anchors_m[j], anchor[j])
         if j:
             _accelerate(pull, rate, change, anchor[j - 1], anchor[j])
         for r in range(3):
-            axis[j, r] = turned(turn, axes.directions[j], r)
+            axis[j, r] = turned(turn, links.directions[j], r)
         for r in range(3):
             change[r] += qdd[j] * axis[j, r] + qd[j] * cross_part(rate, axis[j], r)
         for r in range(3):
             rate[r] += qd[j] * axis[j, r]
-        turn_about(axes.anchors_m[j], axes.directions[j], q[j], turn, move)
-        _write_place(turn, move, centre[j], place[j])
+        turn_about(links.anchors_m[j], links.directions[j], q[j], turn, move)
+        _write_place(turn, move, links.centre_m[j], place[j])
         for r in range(3):
             force[j, r] = pull[r]
         _accelerate(force[j], rate, change, anchor[j], place[j])
         for r in range(3):
-            force[j, r] *= mass[j]
-        _needed_moment(turn, inertia[j], rate, change, moment[j])
+            force[j, r] *= links.mass_kg[j]
+        _needed_moment(turn, links.inertia_kg_m2[j], rate, change, moment[j])
         _add_moment(place[j], anchor[j], force[j], moment[j])
 
 
@@ -254,26 +236,24 @@ def _turned_back(turn: np.ndarray, vector: np.ndarray) -> tuple[float, float, fl
 
 
 @njit(cache=True, nogil=True)
-def mass_matrix(
-    q: np.ndarray, axes: JointAxes, mass: np.ndarray, centre: np.ndarray, inertia: np.ndarray
-) -> np.ndarray:
+def mass_matrix(q: np.ndarray, links: Links) -> np.ndarray:
     """Return (J, J): the momenta of all that each joint carries, about every joint before it.
 
     That is the composite-rigid-body method (Walker and Orin, 1982), about the root's origin.
     """
     joints = len(q)
     anchor, axis = np.empty((joints, 3)), np.empty((joints, 3))
-    carried, first, second = mass.copy(), np.empty((joints, 3)), np.empty((joints, 3, 3))
+    carried, first, second = links.mass_kg.copy(), np.empty((joints, 3)), np.empty((joints, 3, 3))
     turn, move = np.eye(3), np.zeros(3)
     for j in range(joints):
-        _write_place(turn, move, axes.anchors_m[j], anchor[j])
+        _write_place(turn, move, links.anchors_m[j], anchor[j])
         for r in range(3):
-            axis[j, r] = turned(turn, axes.directions[j], r)
-        turn_about(axes.anchors_m[j], axes.directions[j], q[j], turn, move)
-        _write_place(turn, move, centre[j], first[j])
-        _write_second_moment(turn, inertia[j], mass[j], first[j], second[j])
+            axis[j, r] = turned(turn, links.directions[j], r)
+        turn_about(links.anchors_m[j], links.directions[j], q[j], turn, move)
+        _write_place(turn, move, links.centre_m[j], first[j])
+        _write_second_moment(turn, links.inertia_kg_m2[j], links.mass_kg[j], first[j], second[j])
         for r in range(3):
-            first[j, r] *= mass[j]
+            first[j, r] *= links.mass_kg[j]
     answer = np.empty((joints, joints))
     about, linear, angular = np.empty(3), np.empty(3), np.empty(3)
     for j in range(joints - 1, -1, -1):

@@ -15,7 +15,7 @@ from numba import njit
 from scipy.optimize import least_squares
 
 from strandcast.arm.servo import Servo, command_at, respond
-from strandcast.arm.spatial_dynamics import WORK, JointAxes, SpatialDynamics, mass_matrix, write_torques
+from strandcast.arm.spatial_dynamics import WORK, Links, SpatialDynamics, mass_matrix, write_torques
 from strandcast.threads import over_ranges
 
 # Longest step of the simulation; chosen: on joints that yield by 0.7 rad the error is a third of a
@@ -159,12 +159,12 @@ def _simulated(
     stride = max(1, int(STEP_S / every_s))
     commands = np.ascontiguousarray(commands)  # another layout would compile another kernel
     answer = np.empty(commands.shape)
-    links = dynamics.mass_kg, dynamics.centre_m, dynamics.inertia_kg_m2, dynamics.gravity_m_s2
+    moved = dynamics.links, dynamics.gravity_m_s2
     own = np.array([dynamics.viscous, dynamics.armature])
     over_ranges(
         len(commands),
         lambda first, last: _simulate(
-            first, last, commands, every_s, stride, loops, carried, dynamics.axes, *links, own, answer
+            first, last, commands, every_s, stride, loops, carried, *moved, own, answer
         ),
     )
     return answer
@@ -189,10 +189,7 @@ def _simulate(
     stride: int,
     loops: np.ndarray,
     carried: np.ndarray,
-    axes: JointAxes,
-    mass: np.ndarray,
-    centre: np.ndarray,
-    inertia: np.ndarray,
+    links: Links,
     whole_gravity: np.ndarray,
     own: np.ndarray,
     answer: np.ndarray,
@@ -217,18 +214,18 @@ def _simulate(
         gravity = (1.0 - carried[min(p, len(carried) - 1)]) * whole_gravity
         q[:], v[:], change[:] = commands[p, 0], 0.0, 0.0
         for _ in range(SETTLING):
-            write_torques(q, none, none, axes, mass, centre, inertia, gravity, work, needed)
+            write_torques(q, none, none, links, gravity, work, needed)
             if _settles(q, commands[p, 0], needed, stiffness):
                 break
         answer[p, 0] = q
         for k in range(0, count - 1, stride):
             for j in range(joints):
                 middle_q[j], middle_v[j] = q[j] + 0.5 * h * v[j], v[j] + 0.5 * change[j]
-            whole = mass_matrix(middle_q, axes, mass, centre, inertia)
+            whole = mass_matrix(middle_q, links)
             for j in range(joints):
                 brake = damping[j] + own[0, j]
                 whole[j, j] += motor[j] + own[1, j] + 0.5 * h * brake + 0.25 * h * h * stiffness[j]
-            write_torques(middle_q, middle_v, none, axes, mass, centre, inertia, gravity, work, needed)
+            write_torques(middle_q, middle_v, none, links, gravity, work, needed)
             for j in range(joints):
                 before = command_at(commands, p, j, k - delay_s[j] / every_s)
                 after = command_at(commands, p, j, k + stride - delay_s[j] / every_s)
