@@ -7,7 +7,6 @@ from strandcast.dynamics.batch import HandPath
 from strandcast.dynamics.masses import mass_layout, point_masses
 from strandcast.dynamics.model import StringModel
 from strandcast.dynamics.simulate import OK, simulate_batch
-from strandcast.estimation.evaluation import W
 from strandcast.estimation.fit_objective import FitObjective
 from strandcast.estimation.measured import Throw, prepare
 from strandcast.estimation.unknowns import WIDENED, space_of
@@ -53,4 +52,4 @@ def objective_of(throws, settings, layout=LAYOUT, model=MODEL, plain_mass=None):
     prepared = tuple(prepare(throw, model.places_m()).fitted() for throw in throws)
     space = space_of(settings, layout, plain_mass=plain_mass)
     shares = np.full(len(prepared), 1.0 / len(prepared))
-    return FitObjective(model, space, prepared, shares, W, settings.evaluation, False)
+    return FitObjective(model, space, prepared, shares, settings.evaluation, False)

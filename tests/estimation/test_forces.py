@@ -73,7 +73,7 @@ def test_a_window_that_is_left_out_is_in_no_other() -> None:
     parts = parts_of_series([long], model.points, last=False)
     halves = tuple(long.prepared(first, first + 90, model.points) for first in (0, 30, 60))
     parts = parts._replace(throws=halves, trial=np.zeros(3, dtype=int))
-    objective = FitObjective(model, box, halves, np.full(3, 1.0 / 3.0), 0.0, "world", True)
+    objective = FitObjective(model, box, halves, np.full(3, 1.0 / 3.0), "world", True)
     folds = folds_of(objective, parts)
     assert len(folds) == 3
     for rest, left_out in folds:
@@ -88,7 +88,7 @@ def test_a_string_that_fails_where_it_was_not_fitted_is_not_compared_there(monke
     """With too little to compare, the force is left out, and the fit goes on."""
     model, box = space_of_cable(LENGTH_M, False)
     parts = parts_of_series([series(False, 0.0)], model.points, last=False)
-    objective = FitObjective(model, box, parts.throws, parts.shares(1.0), 0.0, "world", True)
+    objective = FitObjective(model, box, parts.throws, parts.shares(1.0), "world", True)
     log, better = EvaluationLog(objective.cost), EvaluationLog(objective.cost)
     log.found, better.found, better.converged = (np.zeros(2), 2e-3), (np.zeros(2), 1e-3), True
     found = forces._Search("drag_along", objective, better)

@@ -36,7 +36,7 @@ def objective_of(size_m: float, **other: float) -> tuple[FitObjective, np.ndarra
     seen, _ = simulate_throw(model, throw, space.strings(chi))
     noise = np.random.default_rng(1).normal(0.0, 5e-4, seen[0].shape)
     throw = replace(throw, points_m=seen[0] + noise)
-    return FitObjective(model, space, (throw,), np.ones(1), 0.0, "world", overstretched_allowed=True), chi
+    return FitObjective(model, space, (throw,), np.ones(1), "world", overstretched_allowed=True), chi
 
 
 @pytest.fixture(scope="module")

@@ -17,7 +17,7 @@ from strandcast.estimation import cross_validation
 from strandcast.estimation.cross_validation import HeldOutEvaluation, without_model
 from strandcast.estimation.descent import GaussNewtonModel
 from strandcast.estimation.ensemble import near_samples
-from strandcast.estimation.evaluation import Array, W, distances, tip_error
+from strandcast.estimation.evaluation import Array, distances, tip_error
 from strandcast.estimation.excitation import undetermined
 from strandcast.estimation.fit import StringFit, fit_of
 from strandcast.estimation.fit_objective import EvaluationLog, FitObjective, simulate_throw
@@ -200,7 +200,6 @@ def find_string(
             space,
             parts.throws,
             parts.shares(settings.older_trials_weight),
-            W if space.in_plane else 0.0,
             settings.evaluation,
             overstretched_allowed=settings.ranges == "paper" or not space.in_plane,
         )

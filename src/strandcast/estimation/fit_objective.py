@@ -13,7 +13,7 @@ from strandcast.dynamics.batch import MeasuredPoints
 from strandcast.dynamics.hand import places
 from strandcast.dynamics.model import StringModel
 from strandcast.dynamics.simulate import BLEW_UP, OK, evaluate_batch, simulate_batch
-from strandcast.estimation.evaluation import Array, distances, point_values
+from strandcast.estimation.evaluation import Array, W, distances, point_values
 from strandcast.estimation.space import Space
 from strandcast.estimation.throws import PreparedThrow
 
@@ -28,8 +28,8 @@ class FitObjective:
         The string model and the unknowns.
     throws, shares
         The throws of the fit and their shares in E, which sum to 1.
-    w, reading
-        Weight of eq. (6) and the frame of reference of eq. (4).
+    reading
+        The frame of reference of eq. (4).
     overstretched_allowed
         Whether a string longer than 3 l0 in a segment may be chosen; one that blew up never may.
     """
@@ -38,9 +38,13 @@ class FitObjective:
     space: Space
     throws: tuple[PreparedThrow, ...]
     shares: Array
-    w: float
     reading: str
     overstretched_allowed: bool
+
+    @property
+    def w(self) -> float:
+        """The weight of eq. (6)."""
+        return W if self.space.in_plane else 0.0
 
     def evaluate(self, chi: Array) -> Array:
         """E of candidates (B, d): (B,) [m], infinite where the simulation is invalid."""

@@ -12,7 +12,7 @@ from strandcast.config.estimate import EstimateSettings
 from strandcast.core.strings import StringBatch
 from strandcast.dynamics.masses import mass_layout
 from strandcast.dynamics.model import StringModel
-from strandcast.estimation.evaluation import Array, W
+from strandcast.estimation.evaluation import Array
 from strandcast.estimation.fit import disagreement
 from strandcast.estimation.fit_objective import EvaluationLog, FitObjective
 from strandcast.estimation.masses import with_masses
@@ -116,7 +116,6 @@ def _joint(members: Mapping[str, Member], model: StringModel, settings: Estimate
         replace(first, names=tuple(names), bounds=bounds, layout=layout, prior_sd=prior_sd),
         tuple(throws),
         np.concatenate(shares),
-        W if first.in_plane else 0.0,
         settings.evaluation,
         overstretched_allowed=not first.in_plane,
         boxes=tuple(member.space for member in members.values()),

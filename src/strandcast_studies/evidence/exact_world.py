@@ -18,7 +18,6 @@ from dataclasses import replace
 import numpy as np
 
 from strandcast.config.estimate import EstimateSettings
-from strandcast.estimation.evaluation import W
 from strandcast.estimation.fit_objective import FitObjective, simulate_throw
 from strandcast.estimation.measured import prepare
 from strandcast.estimation.optimisers.optimiser import SearchStart
@@ -46,7 +45,7 @@ def cases() -> Iterator[tuple[str, FitObjective, np.ndarray]]:
             space = space_of(settings, one.layout)
             shares = np.full(len(throws), 1.0 / len(throws))
             objective = FitObjective(
-                one.model, space, throws, shares, W, settings.evaluation, overstretched_allowed=False
+                one.model, space, throws, shares, settings.evaluation, overstretched_allowed=False
             )
             fitted = search(objective, settings, random, FIRST, settings.evaluations).best()[0]
             truth = np.clip(fitted, *INSIDE)[None]

@@ -16,7 +16,6 @@ from strandcast.core.strings import PARAMETERS, REST_CURL, StringBatch, side
 from strandcast.dynamics.batch import HandPath
 from strandcast.dynamics.parameters import DRAG_KG_M3, Array
 from strandcast.estimation.descent import GaussNewtonModel, descend, descent_batch
-from strandcast.estimation.evaluation import W
 from strandcast.estimation.excitation import margins, other_motions
 from strandcast.estimation.fit import StringFit
 from strandcast.estimation.fit_objective import EvaluationLog, FitObjective
@@ -99,7 +98,6 @@ def measured(seed: int, axes: int, *, bare: bool) -> dict[str, Any]:
         fit.space,
         parts.throws,
         shares,
-        0.0 if axes == 3 else W,
         settings.evaluation,
         axes == 3,
     )

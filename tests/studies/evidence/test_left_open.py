@@ -13,7 +13,7 @@ def test_the_drawn_string_explains_its_recording(axes):
     capture, (recording, *_) = drawn(404, axes)
     model, space = (problem := capture.problem([recording])).model, problem.space
     (parts, *_) = problem.parts.values()
-    objective = FitObjective(model, space, parts.throws, parts.shares(1.0), 0.0, "world", axes == 3)
+    objective = FitObjective(model, space, parts.throws, parts.shares(1.0), "world", axes == 3)
     true = space.chi_of(true_string(capture, problem))
     lighter = true - 0.1 * (np.array(space.names) == "weight_1")
     cost_m, other_m = objective.evaluate(np.vstack([true, lighter]))
