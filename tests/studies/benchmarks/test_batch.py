@@ -11,7 +11,7 @@ from strandcast.workflow.project import make_project
 from strandcast_studies.benchmarks.batch.accounts import spent_by
 from strandcast_studies.benchmarks.batch.project import python_without_stages, record, record_empty
 from strandcast_studies.benchmarks.batch.run import Size, against_targets, extrapolated, measure, size, sizes
-from strandcast_studies.benchmarks.batch.trial import Row, stages_s, table
+from strandcast_studies.benchmarks.batch.trial import MeasuredCost, stages_s, table
 
 BURN = "import time\nend = time.process_time() + {seconds}\nwhile time.process_time() < end: pass\n"
 
@@ -76,7 +76,10 @@ def test_a_stage_costs_what_it_and_its_processes_spend_without_imports() -> None
 
 
 def test_a_figure_stands_beside_its_peer() -> None:
-    rows = [Row("track, per frame", 4.5, "CPU ms", "the decoder alone", 2.25), Row("demo", 80.0, "CPU s")]
+    rows = [
+        MeasuredCost("track, per frame", 4.5, "CPU ms", "the decoder alone", 2.25),
+        MeasuredCost("demo", 80.0, "CPU s"),
+    ]
     assert table(rows).splitlines() == [
         "track, per frame      4.50 CPU ms   the decoder alone: 2.25",
         "demo                 80.00 CPU s",
