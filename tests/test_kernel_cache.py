@@ -58,7 +58,7 @@ def test_comments_and_docstrings_do_not_count(tmp_path, project_root):
 def test_a_constant_that_a_kernel_imports_counts(tmp_path):
     package = tmp_path / "strandcast"
     package.mkdir()
-    for name in ("__init__", "kernel_cache", "kernel_seed", "source_code"):
+    for name in ("__init__", "kernel_cache", "kernel_seed", "source_code", "user_cache"):
         shutil.copy(Path(strandcast.__file__).with_name(f"{name}.py"), package)
     (package / "kernel.py").write_text("from numba import njit\nfrom strandcast.numbers import WIDTH\n")
     (package / "numbers.py").write_text("WIDTH = 1\n")
@@ -68,12 +68,30 @@ def test_a_constant_that_a_kernel_imports_counts(tmp_path):
     assert cache_of(tmp_path, **home) != before
 
 
+def test_sources_are_read_only_after_one_was_written(tmp_path: Path, project_root: Path) -> None:
+    shutil.copytree(project_root / "src" / "strandcast", tmp_path / "strandcast")
+    clean = {name: value for name, value in os.environ.items() if name not in SETTINGS}
+    line = [sys.executable, "-c", "import sys, strandcast; print('strandcast.source_code' in sys.modules)"]
+
+    def are_read() -> bool:
+        environment = clean | {"HOME": str(tmp_path)}
+        run = subprocess.run(line, cwd=tmp_path, env=environment, capture_output=True, text=True, check=True)
+        return run.stdout == "True\n"
+
+    assert [are_read(), are_read()] == [True, False]
+    kernel = tmp_path / "strandcast" / "planning" / "approach.py"
+    kernel.write_text(kernel.read_text().replace("np.inf", "np.nan"))  # of the same size
+    assert [are_read(), are_read()] == [True, False]
+
+
 def test_a_damaged_cache_of_parsed_files_is_ignored(tmp_path, project_root):
     shutil.copytree(project_root / "src" / "strandcast", tmp_path / "strandcast")
     home = {"HOME": str(tmp_path)}
     before = cache_of(tmp_path, **home)
     (cache,) = (tmp_path / ".cache" / "strandcast").glob("source-code-*.json")
-    cache.write_text("{")
+    (kept,) = (tmp_path / ".cache" / "strandcast").glob("kernels-of-*.txt")
+    for file in (cache, kept):
+        file.write_text("{")
     assert cache_of(tmp_path, **home) == before
 
 

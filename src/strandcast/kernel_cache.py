@@ -12,8 +12,10 @@ import stat
 from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
+from zlib import crc32
 
 from strandcast.kernel_seed import LEVELS, cpu_levels, plant, seed_name
+from strandcast.user_cache import cache_folder, cached, keep
 
 # What only the search for a folder needs is imported on use: most processes inherit NUMBA_CACHE_DIR.
 
@@ -66,7 +68,30 @@ def _target() -> str:
 
 @cache
 def kernels_sha256() -> str:
-    """Return the hash of the code that compiled kernels depend on."""
+    """Return the hash of the code that compiled kernels depend on.
+
+    Finding it takes a tenth of a second, so it is kept until a file of this package is written.
+    """
+    name, written = f"kernels-of-{crc32(os.fsencode(PACKAGE)):08x}.txt", "\n".join(sorted(_written(PACKAGE)))
+    known, _, before = cached(name).partition("\n")
+    if before == written:
+        return known
+    found = _hashed()
+    keep(name, f"{found}\n{written}")
+    return found
+
+
+def _written(folder: str | Path) -> Iterator[str]:
+    """Yield, for each file of this package, its path, its size and when it was last changed."""
+    for entry in os.scandir(folder):
+        if entry.is_dir():
+            yield from _written(entry.path)
+        elif entry.name.endswith(".py"):
+            stat = entry.stat()
+            yield f"{entry.path[len(str(PACKAGE)) :]} {stat.st_size} {stat.st_ctime_ns}"
+
+
+def _hashed() -> str:
     import hashlib
 
     from strandcast.source_code import source_cache
@@ -92,13 +117,11 @@ def _constants_of(imports: tuple[str, ...]) -> Iterator[Path]:
 
 def _writable_folder() -> Path | None:
     """Return this user's folder of kernels: in the home folder, or else among the temporary files."""
-    import tempfile
-
-    from strandcast.source_code import cache_folder
-
     folder = cache_folder()
     if folder is not None:
         return folder / "kernels"
+    import tempfile
+
     try:
         shared = Path(tempfile.gettempdir()) / f"strandcast-kernels-{os.getuid()}"
         shared.mkdir(mode=0o700, exist_ok=True)

@@ -42,11 +42,11 @@ def seed_name(level: str) -> str:
 
 def plant(folder: Path, level: str, kernels_sha256: str) -> None:
     """Make the folder of compiled kernels from the seed, if there is one that fits and is undamaged."""
-    import tempfile
-
     seed = SEEDS / seed_name(level)
     if folder.exists() or not seed.is_dir():
         return
+    import tempfile
+
     with suppress(OSError, ValueError, KeyError):
         manifest = json.loads((seed / MANIFEST).read_bytes())
         if manifest["made_from"] != made_from(kernels_sha256):

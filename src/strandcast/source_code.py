@@ -6,15 +6,13 @@ Parsing all files takes seconds, so the results are kept in the user's cache, by
 import ast
 import hashlib
 import json
-import os
-import tempfile
-from contextlib import suppress
 from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
-FORMAT = "4"
+from strandcast.user_cache import cached, keep
 
+NAME = "source-code-4.json"  # with the number of its format
 MOST = 4000  # contents of files that are remembered, some 2 MB (chosen; the package has 300 files)
 
 
@@ -25,23 +23,11 @@ class SourceCode(NamedTuple):
     imports: tuple[str, ...]
 
 
-def cache_folder() -> Path | None:
-    """Return the folder of this user's caches, or None if it cannot be written; XDG_CACHE_HOME moves it."""
-    try:
-        folder = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "strandcast"
-        folder.mkdir(parents=True, exist_ok=True)
-        return folder if os.access(folder, os.W_OK) else None
-    except (OSError, RuntimeError):
-        return None
-
-
 class SourceCache:
     """The code of files, parsed once for each content."""
 
     def __init__(self) -> None:
-        folder = cache_folder()
-        self._file = None if folder is None else folder / f"source-code-{FORMAT}.json"
-        self._known: dict[str, list[str]] = self._read()
+        self._known = _read()
         self._new = False
 
     def code_of(self, path: Path) -> SourceCode:
@@ -57,28 +43,18 @@ class SourceCache:
 
     def save(self) -> None:
         """Write the cache if it grew; a cache that cannot be written is no error."""
-        if not self._new or self._file is None:
+        if not self._new:
             return
         if len(self._known) > MOST:  # forget what was added first
             self._known = dict(list(self._known.items())[-MOST // 2 :])
-        try:
-            handle, name = tempfile.mkstemp(dir=self._file.parent)
-        except OSError:
-            return
-        try:
-            with os.fdopen(handle, "w") as temporary:
-                json.dump(self._known, temporary)
-            Path(name).replace(self._file)
-            self._new = False
-        except OSError:
-            with suppress(OSError):
-                Path(name).unlink()
+        self._new = not keep(NAME, json.dumps(self._known))
 
-    def _read(self) -> dict[str, list[str]]:
-        try:
-            return dict(json.loads(self._file.read_bytes())) if self._file is not None else {}
-        except (OSError, ValueError, TypeError):
-            return {}
+
+def _read() -> dict[str, list[str]]:
+    try:
+        return dict(json.loads(cached(NAME)))
+    except (ValueError, TypeError):
+        return {}
 
 
 @cache

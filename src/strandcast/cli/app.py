@@ -9,7 +9,7 @@ from collections.abc import Callable
 from typing import Annotated, Any, NoReturn
 
 import typer
-from typer.core import TyperCommand, TyperOption
+from typer.core import TyperArgument, TyperCommand, TyperGroup
 from typer.exceptions import TyperException
 
 from strandcast import __version__
@@ -37,13 +37,31 @@ from strandcast.errors import StrandcastError
 from strandcast.stages import CALLED_BY_NAME
 
 log = logging.getLogger(__name__)
+
+
+class Commands(TyperGroup):
+    """Commands whose help lists them by panel, in plain text: importing rich would take most of its time."""
+
+    def format_commands(self, ctx: Any, formatter: Any) -> None:
+        """Write a section of commands for each panel."""
+        width = max(map(len, self.commands))
+        panels: dict[str, list[tuple[str, str]]] = {}
+        for name, command in self.commands.items():
+            row = name.ljust(width), command.get_short_help_str(limit=1000)
+            panels.setdefault(getattr(command, "rich_help_panel", None) or "Commands", []).append(row)
+        for panel, rows in panels.items():
+            with formatter.section(panel):
+                formatter.write_dl(rows)
+
+
 app = typer.Typer(
     name="strandcast",
     help="From raw high-speed video and a robot log to fitted string physics, the next throw, and a report.",
     no_args_is_help=True,
-    context_settings={"help_option_names": ["-h", "--help"]},
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110},
     pretty_exceptions_enable=False,
-    rich_markup_mode="markdown",  # not "rich": it would take the units in square brackets for styles
+    cls=Commands,
+    rich_markup_mode=None,
 )
 
 
@@ -84,13 +102,13 @@ def _named_command() -> str:
 
 
 class PlainCommand(TyperCommand):
-    """A command whose help names no Python types, `<bool>` or `<list[str]>`."""
+    """A command whose help names no Python types of its arguments, `<str>`."""
 
     def get_params(self, ctx: Any) -> Any:
-        """Return the parameters, those without a type to show."""
+        """Return the parameters, arguments without a type to show."""
         found = super().get_params(ctx)
         for each in found:
-            if not isinstance(each, TyperOption) or each.is_flag or each.multiple:
+            if isinstance(each, TyperArgument):
                 setattr(each, "display_type_rich", lambda ctx: None)  # noqa: B010  (it is a method)
         return found
 

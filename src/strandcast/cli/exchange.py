@@ -58,7 +58,7 @@ def import_joints(
         Path | None, typer.Option(help="TOML or YAML file that names the columns of any other CSV.")
     ] = None,
     joint: Annotated[
-        list[str] | None, typer.Option(help="Name of a joint; repeat, from the base on.")
+        list[str] | None, typer.Option(metavar="NAME", help="Name of a joint; repeat, from the base on.")
     ] = None,
     degrees: Annotated[bool, typer.Option("--degrees", help="The log's angles are in degrees.")] = False,
     topic: Annotated[str | None, typer.Option(help="The topic, if several of a bag contain joints.")] = None,
@@ -104,7 +104,7 @@ def import_track(
     captures: Annotated[
         list[Path],
         typer.Argument(
-            metavar="CAPTURE...",
+            metavar="CAPTURE",
             help="CSV, TSV, TRC, C3D or Parquet with one row per sample; further files are the next trials.",
         ),
     ],
@@ -122,6 +122,7 @@ def import_track(
     marker: Annotated[
         list[str] | None,
         typer.Option(
+            metavar="PLACE:X,Y",
             help="PLACE:X,Y of a marker on the string, e.g. 0.2:x_mid,z_mid; in space PLACE:X,Y,Z or "
             "PLACE:NAME; repeat for each marker. PLACE is metres from the hand along the string.",
             autocompletion=complete_point,
@@ -225,7 +226,8 @@ def import_views(
     view: Annotated[
         list[str],
         typer.Option(
-            help="EXPERIMENT:TRIAL of a camera; give two or more. The result has the frames of the first."
+            metavar="EXPERIMENT:TRIAL",
+            help="What a camera saw; give two or more. The result has the frames of the first.",
         ),
     ],
     boards: Annotated[

@@ -9,7 +9,7 @@ from strandcast.cli.common import AsJson, show
 
 
 def film(
-    video: Annotated[Path, typer.Argument(help="A film, or a folder of pictures.")],
+    video: Annotated[Path, typer.Argument(metavar="FILM", help="A film, or a folder of pictures.")],
     length: Annotated[float | None, typer.Option(min=1e-4, help="Length beyond the held end [m].")] = None,
     scale: Annotated[
         str | None,
@@ -21,8 +21,9 @@ def film(
     held: Annotated[
         list[str] | None,
         typer.Option(
+            metavar="U,V",
             help="Held end: U,V in pixels; moving:U,V; marker:ID. Give it twice if both ends are held.  "
-            "[default: where all frames agree]"
+            "[default: where all frames agree]",
         ),
     ] = None,
     points: Annotated[int, typer.Option(min=2, max=100, help="Points beyond the held end.")] = 20,

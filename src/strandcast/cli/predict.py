@@ -13,7 +13,7 @@ def predict(
     experiment: ExperimentName,
     trials: Annotated[
         list[int],
-        typer.Argument(metavar="TRIAL...", min=1, max=LAST_TRIAL, autocompletion=complete_trial),
+        typer.Argument(metavar="TRIAL", min=1, max=LAST_TRIAL, autocompletion=complete_trial),
     ],
     estimate: Annotated[
         Path, typer.Option("--from", help="The fitted string: estimate.json of a trial of any experiment.")

@@ -9,11 +9,11 @@ from strandcast.cli.common import ROOT, AsJson, complete_experiment, show
 
 def together(
     experiments: Annotated[
-        list[str], typer.Argument(metavar="EXPERIMENT...", autocompletion=complete_experiment)
+        list[str], typer.Argument(metavar="EXPERIMENT", autocompletion=complete_experiment)
     ],
     as_json: AsJson = False,
 ) -> None:
-    """Fit one string to experiments that share it, e.g. without a weight and with one."""
+    """Fit one string to experiments that share it, for example without a weight and with one."""
     from strandcast.stages.together import together as fitted_together
 
     found = fitted_together(ROOT, experiments)

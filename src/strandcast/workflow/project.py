@@ -6,7 +6,6 @@ import shutil
 from pathlib import Path
 from typing import Any
 
-from strandcast.config.bounded import load_yaml, read_bounded
 from strandcast.errors import StrandcastError
 
 PACKAGE = Path(__file__).resolve().parents[1]
@@ -68,6 +67,8 @@ def executor_of(folder: Path) -> str | None:
     StrandcastError
         SC-F002 the profile cannot be read; SC-W037 it has the project's files in object storage.
     """
+    from strandcast.config.bounded import load_yaml, read_bounded  # slow to import
+
     path = _profile_file(folder)
     try:
         loaded = {} if path is None else load_yaml(read_bounded(path))
