@@ -26,10 +26,9 @@ PLACE_M = (0.60, 0.76)
 SMALL = {"size_px": (400, 320), "frame_rate_hz": 100.0, "exposure_s": 4e-3}
 
 
-def with_led(place_m: tuple[float, float] = PLACE_M, led: bool = True) -> Experiment:
+def with_led(place_m: tuple[float, float] = PLACE_M) -> Experiment:
     settings = make_experiment(camera=SMALL).model_dump()
     settings["align"]["led"] = {"place_m": place_m}
-    settings["lab"]["led"] = led
     return Experiment.model_validate(settings)
 
 
@@ -55,11 +54,13 @@ def test_the_led_lights_only_its_region_for_its_share_of_an_exposure(arm: Planar
     assert not lit.any()
 
 
-def test_a_scene_without_the_led_is_unchanged(arm: PlanarArm) -> None:
-    plain = make_scene(make_experiment(camera=SMALL), "lab-test", arm)
-    dark = make_scene(with_led(led=False), "lab-test", arm)
-    np.testing.assert_array_equal(dark.still, plain.still)
-    assert dark.led is None
+def test_the_led_changes_a_scene_at_its_place_only(arm: PlanarArm) -> None:
+    plain, scene = (make_scene(each, "lab-test", arm) for each in (make_experiment(camera=SMALL), with_led()))
+    assert plain.led is None
+    changed = np.argwhere(scene.still != plain.still)[:, ::-1]
+    middle = scene.view.pixels(np.array(PLACE_M))
+    assert len(changed) > 0
+    assert np.linalg.norm(changed - middle, axis=1).max() < 12.0
 
 
 def test_a_throw_switches_the_led_by_the_true_clocks(arm: PlanarArm, tmp_path: Path) -> None:
@@ -91,5 +92,3 @@ def test_a_throw_switches_the_led_by_the_true_clocks(arm: PlanarArm, tmp_path: P
 def test_the_led_must_have_a_position_inside_the_picture(arm: PlanarArm) -> None:
     with pytest.raises(StrandcastError, match="SC-T033"):
         make_scene(with_led((3.0, 0.0)), "lab-test", arm)
-    with pytest.raises(ValueError, match="needs the LED's position"):
-        make_experiment(led=True)

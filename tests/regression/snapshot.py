@@ -41,7 +41,7 @@ BAR = {
     "estimate": {"forces": ["rest_curl", "drag_along", "stiff_bend"], "evaluations": 2000},
     "plan": {"screening": 300, "evaluations": 600},
     "align": {"led": {"place_m": [-0.60, 0.40]}},
-    "lab": {"string": "paper-4", "led": True, "servo": "stiff"},
+    "lab": {"string": "paper-4", "servo": "stiff"},
 }
 SWING = {
     "title": "Regression: a drawn string, swung high",

@@ -137,7 +137,6 @@ def test_the_labs_experiment_of_the_how_to_is_right(root: Path, project_root: Pa
     ("settings", "field"),
     [
         ("lab: {camera: {frame_rate_hz: 200}}", "lab.camera"),
-        ("lab: {led: true}", "lab.led"),
         ("camera: {frame_rate_hz: 200}", "camera"),
         ("track: {polarity: dark}", "track"),
         ("align: {led: {place_m: [0.1, 0.1]}}", "align"),

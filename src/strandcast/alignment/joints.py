@@ -4,9 +4,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from scipy.interpolate import BSpline
-from scipy.linalg import solve_triangular
-from scipy.ndimage import median_filter
+import scipy
 
 # Chosen.
 KNOT_S = 0.010
@@ -45,7 +43,7 @@ class JointPath:
         (R,) rows that were left out.
     """
 
-    spline: BSpline
+    spline: "scipy.interpolate.BSpline"
     coefficient_covariance: np.ndarray
     smoother: np.ndarray
     encoder_rad: np.ndarray
@@ -96,7 +94,7 @@ class JointPath:
 
         Its outer product with itself is the covariance of the part of the velocities that is not motion.
         """
-        each = BSpline(self.spline.t, np.eye(self.spline.c.shape[0]), 3)
+        each = scipy.interpolate.BSpline(self.spline.t, np.eye(self.spline.c.shape[0]), 3)
         rates = np.asarray(each(self._within(time_s), 1))
         found = []
         for joint in range(jacobian.shape[2]):
@@ -135,14 +133,16 @@ def joint_path(time_s: np.ndarray, q_rad: np.ndarray, span_s: tuple[float, float
     repeated = np.concatenate([[False], (np.diff(q_rad, axis=0) == 0.0).all(axis=1)])
     for _ in range(ROUNDS):
         smoothed = _smoothed(basis, weight, q_rad)
-        spline = BSpline(knots, np.einsum("jcr,rj->cj", smoothed.smoother, q_rad), 3)
+        spline = scipy.interpolate.BSpline(knots, np.einsum("jcr,rj->cj", smoothed.smoother, q_rad), 3)
         off, speed = q_rad - basis @ spline.c, spline(time_s, 1)
         # A spline that is free to follow the rows follows their noise.
         encoder, jitter_s = row_noise(off / smoothed.residual_share, speed)
         apart = np.abs(off) / smoothed.residual_share
         # Where the acceleration jumps, the splines miss all rows of a precise log for some knots by more than
         # its noise.
-        missed = MAD * median_filter(apart, size=(2 * round(len(time_s) / pieces) + 1, 1), mode="nearest")
+        missed = MAD * scipy.ndimage.median_filter(
+            apart, size=(2 * round(len(time_s) / pieces) + 1, 1), mode="nearest"
+        )
         apart /= np.maximum(np.hypot(encoder, jitter_s * np.abs(speed)), missed)
         pace = np.abs(speed).max(axis=1)
         stirring = (pace > STIRRING * pace.max()) & (usual_s * np.abs(speed) > GRID * encoder).any(axis=1)
@@ -180,11 +180,11 @@ def _smoothed(basis: np.ndarray, weight: np.ndarray, q_rad: np.ndarray) -> _Smoo
     gram = basis.T @ (weight[:, None] * basis)
     gram += RIDGE * float(np.trace(gram)) / coefficients * np.eye(coefficients)
     lower = np.linalg.cholesky(gram)
-    half = solve_triangular(lower, third.T, lower=True)
+    half = scipy.linalg.solve_triangular(lower, third.T, lower=True)
     rough, turn = np.linalg.eigh(half @ half.T)
     rough = np.maximum(rough, 0.0)
     rough[:3] = 0.0
-    back = solve_triangular(lower, turn, lower=True, trans="T")
+    back = scipy.linalg.solve_triangular(lower, turn, lower=True, trans="T")
     projected = back.T @ (basis.T @ (weight[:, None] * q_rad))
     counted = float((weight > 0.5).sum())
     power = (weight[:, None] * q_rad**2).sum(axis=0)
@@ -199,7 +199,7 @@ def _smoothed(basis: np.ndarray, weight: np.ndarray, q_rad: np.ndarray) -> _Smoo
 
 
 def _basis(time_s: np.ndarray, knots: np.ndarray) -> np.ndarray:
-    return np.asarray(BSpline.design_matrix(time_s, knots, 3).toarray())
+    return np.asarray(scipy.interpolate.BSpline.design_matrix(time_s, knots, 3).toarray())
 
 
 def row_noise(off_rad: np.ndarray, speed_rad_s: np.ndarray) -> tuple[np.ndarray, float]:

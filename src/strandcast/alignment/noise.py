@@ -3,8 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
-from scipy.optimize import minimize
+import scipy
 
 from strandcast.alignment.hand_bins import Binned, bin_hand
 from strandcast.alignment.problem import ClockProblem
@@ -69,7 +68,7 @@ def refine(problem: ClockProblem, x: np.ndarray, sigma: np.ndarray) -> Refined:
         away = (logs - start) / np.log([SIZE_FACTOR, SIZE_FACTOR, REACH_FACTOR])
         return 0.5 * float(away @ away) - restricted(binned, logs, information, expected)[0]
 
-    best = minimize(
+    best = scipy.optimize.minimize(
         cost, start, method="Nelder-Mead", options={"maxfev": EVALUATIONS, "xatol": 0.05, "fatol": 0.02}
     ).x
     _, step, covariance = restricted(binned, best, information, expected)
@@ -96,10 +95,10 @@ def _true_share(binned: Binned, logs: np.ndarray, information: np.ndarray, covar
     the offset in the formulas only (errors in variables: Fuller, Measurement Error Models, 1987). They matter
     where the hand moves evenly.
     """
-    lower = cho_factor(noise_of(binned, logs), lower=True)
-    false = cho_solve(lower, binned.spurious)
+    lower = scipy.linalg.cho_factor(noise_of(binned, logs), lower=True)
+    false = scipy.linalg.cho_solve(lower, binned.spurious)
     others = binned.slope[:, 1:]
-    weighted = cho_solve(lower, others)
+    weighted = scipy.linalg.cho_solve(lower, others)
     normal = information[1:, 1:] + others.T @ weighted
     pull = weighted.T @ binned.spurious
     spurious = (binned.spurious * false).sum() - (pull * np.linalg.solve(normal, pull)).sum()
@@ -118,8 +117,8 @@ def restricted(
     information, expected
         (p, p) information of priors and events, and (p,) their gradient.
     """
-    lower = cho_factor(noise_of(binned, logs), lower=True)
-    weighted = cho_solve(lower, np.column_stack([binned.slope, binned.off]))
+    lower = scipy.linalg.cho_factor(noise_of(binned, logs), lower=True)
+    weighted = scipy.linalg.cho_solve(lower, np.column_stack([binned.slope, binned.off]))
     normal = information + binned.slope.T @ weighted[:, :-1]
     pull = expected + binned.slope.T @ weighted[:, -1]
     covariance = np.linalg.inv(normal)

@@ -4,8 +4,8 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
+import scipy
 from numba import njit
-from scipy.optimize import least_squares
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,7 +153,7 @@ def identify(
     free = 4 if fit_gain else 3
     rows, rms = [], []
     for j, row in enumerate(start.matrix()):
-        fit = least_squares(
+        fit = scipy.optimize.least_squares(
             _residual,
             np.clip(row[:free], [1e-4, 11.0, 0.06, 0.81][:free], [0.19, 990.0, 4.9, 1.19][:free]),
             bounds=([0.0, 10.0, 0.05, 0.8][:free], [0.2, 1000.0, 5.0, 1.2][:free]),

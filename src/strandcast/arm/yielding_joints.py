@@ -11,8 +11,8 @@ from itertools import product
 from typing import Any
 
 import numpy as np
+import scipy
 from numba import njit
-from scipy.optimize import least_squares
 
 from strandcast.arm.servo import Servo, command_at, respond
 from strandcast.arm.spatial_dynamics import WORK, Links, SpatialDynamics, mass_matrix, write_torques
@@ -112,7 +112,7 @@ def identify_yielding(
     found: list[tuple[np.ndarray, np.ndarray]] = []
     for start in _starts(inertia, off):
         begin = np.clip(start, low + 1e-6, high - 1e-6)
-        fit = least_squares(residuals, begin, slopes, args=(start,), **how)
+        fit = scipy.optimize.least_squares(residuals, begin, slopes, args=(start,), **how)
         left_rad = np.sqrt(np.mean(off(fit.x[None])[0].reshape(count, -1) ** 2, axis=0))
         found.append((fit.x, left_rad))
         if left_rad.max() < FOUND_RAD:

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 
 import cv2
 import numpy as np
-from scipy.optimize import least_squares
+import scipy
 
 from strandcast.records.camera import FISHEYE as COEFFICIENTS
 
@@ -88,7 +88,9 @@ def solve_pose(
         return project(world_m, pose[:3], pose[3:], matrix, distortion)[1][:, :6]
 
     start = _first_pose(world_m, pixels, matrix, distortion)
-    found = least_squares(residuals, start, jac=slopes, x_scale="jac", xtol=REFINED, ftol=REFINED)
+    found = scipy.optimize.least_squares(
+        residuals, start, jac=slopes, x_scale="jac", xtol=REFINED, ftol=REFINED
+    )
     return found.x[:3], found.x[3:]
 
 
@@ -122,7 +124,7 @@ def calibrate(
         for lens in np.array(lenses)
     ]
     best = min(starts, key=lambda unknowns: float((_residuals(unknowns, views) ** 2).sum()))
-    fit = least_squares(
+    fit = scipy.optimize.least_squares(
         _residuals, best, jac=_slopes, args=(views,), method="lm", x_scale="jac", xtol=REFINED, ftol=REFINED
     )
     variance = (fit.fun**2).sum() / max(len(fit.fun) - len(fit.x), 1)

@@ -6,7 +6,7 @@ from itertools import combinations
 
 import cv2
 import numpy as np
-from scipy.optimize import least_squares
+import scipy
 
 from strandcast.camera.fisheye import is_fisheye, solve_pose
 from strandcast.camera.markers import corners_of
@@ -111,7 +111,7 @@ def fit_size(markers: Sequence[PlacedMarker], corners_px: np.ndarray, lens: Lens
         return np.asarray(corners_px - project(sized, rotation, numbers[3:6], lens)).ravel()
 
     begin = np.concatenate([cv2.Rodrigues(pose.rotation)[0].ravel(), pose.shift_m, [0.0]])
-    fit = least_squares(off, begin, x_scale="jac", xtol=1e-12)
+    fit = scipy.optimize.least_squares(off, begin, x_scale="jac", xtol=1e-12)
     slopes = np.asarray(fit.jac)
     variance = (fit.fun**2).sum() / max(len(fit.fun) - 7, 1)
     error = np.sqrt((np.linalg.pinv(slopes.T @ slopes) * variance)[6, 6])

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from scipy.optimize import least_squares
+import scipy
 
 from strandcast.camera.mapping import pixel_to_metre, undistort
 from strandcast.camera.plane_error import PlaneBox, grid_over
@@ -110,7 +110,7 @@ def _fit(
         return np.asarray(sides_m - size_m).ravel()
 
     rough = 1.4826 * np.median(np.abs(off(np.zeros(3)) - np.median(off(np.zeros(3))))) + 1e-9
-    fit = least_squares(off, np.zeros(3), loss="soft_l1", f_scale=2.0 * rough, x_scale="jac")
+    fit = scipy.optimize.least_squares(off, np.zeros(3), loss="soft_l1", f_scale=2.0 * rough, x_scale="jac")
     slopes = np.asarray(fit.jac)
     residuals = off(fit.x)
     variance = (1.4826 * np.median(np.abs(residuals))) ** 2 * CORRELATED_FRAMES

@@ -39,7 +39,8 @@ class LedSettings(Section):
     """An LED in the picture that the robot switches on before the swing and off after it."""
 
     place_m: tuple[Position, Position] | None = Field(
-        None, description="x and y of the LED in the plane of motion. Give it, or box_px."
+        None,
+        description="x and y of the LED in the plane of motion; the lab has one there. Give it, or box_px.",
     )
     radius_m: Annotated[float, Field(gt=0, le=0.2)] = Field(
         0.01,

@@ -190,7 +190,7 @@ class Experiment(Section):
     @model_validator(mode="after")
     def _only_throws_in_the_plane_are_filmed(self) -> Experiment:
         of_lab = set() if self.lab is None else {f"lab.{name}" for name in self.lab.model_fields_set}
-        filmed = {"align", "cameras", "lab.camera", "lab.led", "track"}
+        filmed = {"align", "cameras", "lab.camera", "track"}
         given = sorted(filmed & (self.model_fields_set | of_lab))
         if self.aims_in_space and given:
             raise Conflict(
@@ -234,16 +234,6 @@ class Experiment(Section):
                 "cameras",
                 "leave lens and plane_photo out",
             )
-        return self
-
-    @model_validator(mode="after")
-    def _lab_led_has_position(self) -> Experiment:
-        if (
-            self.lab is not None
-            and self.lab.led
-            and (self.align.led is None or self.align.led.place_m is None)
-        ):
-            raise Conflict("lab.led needs the LED's position", "lab", "add align.led: {place_m: [x, y]}")
         return self
 
     @property

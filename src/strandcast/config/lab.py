@@ -106,8 +106,3 @@ class LabSettings(Section):
         description="Play the first motion with an empty clamp and plan it again; not with another "
         "start_string or the paper's planner. Set it to false to see what that is worth.",
     )
-    led: bool = Field(
-        False,
-        description="An LED at align.led's place, switched around the throw; not in space. Set it to try "
-        "that alignment.",
-    )

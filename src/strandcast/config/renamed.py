@@ -61,6 +61,7 @@ RENAMED: tuple[Renamed, ...] = (
     Renamed("lab.scatter.heavy_tails", "lab.scatter.draws", {True: "heavy_tails", False: "normal"}),
     Renamed("lab.scatter.drawn", "lab.scatter.draws", {True: "unknown_rig", False: "normal"}),
     Renamed("track.background_frames", None),
+    Renamed("lab.led", None),  # the lab has one where `align.led.place_m` is
     Renamed("cameras.*.scale", None),
     *(Renamed(f"cameras.*.{name}", "cameras.*.lens") for name in ("lens_photos", "lens_video", "lens_file")),
     Renamed("plan.finer", None),

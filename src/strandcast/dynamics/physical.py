@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.optimize import brentq
+import scipy
 
 from strandcast.core.strings import CLAMP_OFFSET, DRAG_ALONG, FAR_OFFSET, REST_CURL, StringBatch, side
 from strandcast.dynamics.batch import HANGING_AT_REST, HandPath, StringStart
@@ -307,7 +307,7 @@ def _between(first_m: Array, far_m: Array, length_m: float, points: int) -> Arra
     share = np.arange(1, points + 1) / points
     if slack < wide * (1.0 + 1e-6):
         return np.asarray(first_m + share[:, None] * (far_m - first_m))
-    size = wide / (2.0 * brentq(lambda z: np.sinh(z) / z - slack / wide, 1e-9, 20.0))
+    size = wide / (2.0 * scipy.optimize.brentq(lambda z: np.sinh(z) / z - slack / wide, 1e-9, 20.0))
     begin = size * np.sinh(np.arctanh(rise / length_m) - wide / (2.0 * size))
     arc = begin + length_m * np.append(0.0, share)
     x, z = size * np.arcsinh(arc / size), np.hypot(size, arc)

@@ -8,8 +8,7 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from scipy.interpolate import CubicSpline
-from scipy.signal import medfilt, savgol_filter
+import scipy
 
 from strandcast.core.jumps import GLITCH_M_S, jumps
 from strandcast.core.strings import StringBatch
@@ -231,7 +230,7 @@ class CableSeries:
             ends: Any = self._directions(frame, places, values)
             natural: Any = "natural"
             shape, velocity = (
-                _extended(CubicSpline(places, path, bc_type=bc), along)
+                _extended(scipy.interpolate.CubicSpline(places, path, bc_type=bc), along)
                 for path, bc in ((values, ends), (rates, natural))
             )
         else:
@@ -343,8 +342,10 @@ def smoothed(time_s: Array, path: Array) -> Array:
     """Return paths (F, ...) without single wrong samples and with little noise."""
     frames = max(round(SMOOTHING_S / float(np.median(np.diff(time_s)))) // 2 * 2 + 1, 5)
     flat = path.reshape(len(path), -1)
-    clean = np.column_stack([medfilt(np.pad(column, 2, mode="edge"), 5)[2:-2] for column in flat.T])
-    return np.asarray(savgol_filter(clean, frames, 2, axis=0).reshape(path.shape))
+    clean = np.column_stack(
+        [scipy.signal.medfilt(np.pad(column, 2, mode="edge"), 5)[2:-2] for column in flat.T]
+    )
+    return np.asarray(scipy.signal.savgol_filter(clean, frames, 2, axis=0).reshape(path.shape))
 
 
 def smoothest(places: Array, points: int, two_ends: bool) -> Array:
@@ -353,7 +354,7 @@ def smoothest(places: Array, points: int, two_ends: bool) -> Array:
     Its curvature changes little, and is none at a free end; the driven ends are the first place and, of two
     ends, the last, and are kept. Markers sit beside the string: a curve through two near ones has a kink.
     """
-    shares = CubicSpline(np.linspace(0.0, 1.0, points + 1), np.eye(points + 1))(places)
+    shares = scipy.interpolate.CubicSpline(np.linspace(0.0, 1.0, points + 1), np.eye(points + 1))(places)
     weight = np.full(len(places), ROUGHNESS)
     weight[[0, *([-1] * two_ends)]] = KEPT * ROUGHNESS
     third = np.diff(np.eye(points + 1), 3, axis=0) * points**2.5
@@ -365,7 +366,7 @@ def smoothest(places: Array, points: int, two_ends: bool) -> Array:
     return np.asarray(np.linalg.solve(fitted @ shares + rough, fitted))
 
 
-def _extended(spline: CubicSpline, along: Array) -> Array:
+def _extended(spline: Any, along: Array) -> Array:
     """Return a spline's values at places, along its tangents beyond its ends."""
     inside = np.clip(along, spline.x[0], spline.x[-1])
     return np.asarray(spline(inside) + (along - inside)[:, None] * spline(inside, 1))

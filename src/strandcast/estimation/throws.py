@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-from scipy.interpolate import CubicSpline
+import scipy
 
 from strandcast.dynamics.batch import HANGING_AT_REST, HandPath, StringStart
 from strandcast.estimation.evaluation import Array
@@ -51,7 +51,9 @@ class PreparedThrow:
         """
         if self.places is None:
             return points
-        shares = CubicSpline(np.linspace(0.0, 1.0, points.shape[-2]), np.eye(points.shape[-2]))
+        shares = scipy.interpolate.CubicSpline(
+            np.linspace(0.0, 1.0, points.shape[-2]), np.eye(points.shape[-2])
+        )
         if shift is None or not shift.any():
             markers = np.moveaxis(np.tensordot(points, shares(self.places), axes=(-2, 1)), -1, -2)
         else:

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
-from scipy.ndimage import maximum_filter1d, minimum_filter1d
+import scipy
 
 from strandcast.arm.limits import differences, violations
 from strandcast.arm.load import Arm
@@ -115,7 +115,10 @@ def _check_stated(path: Path, played: JointTrajectory) -> None:
 
 def _spread(values: np.ndarray, count: int) -> np.ndarray:
     """Return by how much values (T, J) differ among `count` neighbours."""
-    return np.asarray(maximum_filter1d(values, count, axis=0) - minimum_filter1d(values, count, axis=0))
+    return np.asarray(
+        scipy.ndimage.maximum_filter1d(values, count, axis=0)
+        - scipy.ndimage.minimum_filter1d(values, count, axis=0)
+    )
 
 
 def check_limits(path: Path, what: str, arm: Arm, motion: JointTrajectory) -> None:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
+import scipy
 
 from strandcast.arm.load import Arm
 from strandcast.errors import StrandcastError
@@ -216,7 +216,7 @@ def _refuse_exchanged_joints(log: JointLog, file: str) -> None:
         return
     off_rad = log.q_rad[known][:, :, None] - log.q_cmd_rad[known][:, None]
     rms_rad = np.sqrt((off_rad**2).mean(axis=0))
-    joints, commands = linear_sum_assignment(rms_rad**2)
+    joints, commands = scipy.optimize.linear_sum_assignment(rms_rad**2)
     if np.diag(rms_rad).max() > LARGEST_LEFT_RAD and (
         rms_rad[joints, commands].max() < CLEARLY_LESS**2 * np.diag(rms_rad).max()
     ):

@@ -6,8 +6,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from scipy.optimize import minimize_scalar
-from scipy.signal import correlate
+import scipy
 
 from strandcast.arm.load import Arm
 from strandcast.arm.servo import respond
@@ -242,7 +241,7 @@ def _match(log: JointLog, motion: Motion, arm: Arm) -> Match:
     misses = len(time_s) // 2
     best = float(logged_s[0] + step_s * (int(np.argmin(_squares(even, expected, misses))) - misses))
     # Relative to the best start: the search's tolerance is relative, and a clock may count from 1970.
-    found = minimize_scalar(
+    found = scipy.optimize.minimize_scalar(
         lambda shift_s: rms_rad(best + shift_s),
         bounds=(-step_s, step_s),
         method="bounded",
@@ -278,10 +277,10 @@ def _squares(logged: np.ndarray, expected: np.ndarray, misses: int) -> np.ndarra
     logged, expected = logged - expected.mean(axis=0), expected - expected.mean(axis=0)
     pairs = (logged**2, np.ones_like(expected)), (np.ones_like(logged), expected**2), (logged, expected)
     first, second, both = (
-        sum(correlate(a, b, method="fft") for a, b in zip(left.T, right.T, strict=True))
+        sum(scipy.signal.correlate(a, b, method="fft") for a, b in zip(left.T, right.T, strict=True))
         for left, right in pairs
     )
-    rows = correlate(np.ones(len(logged)), np.ones(len(expected)), method="direct")
+    rows = scipy.signal.correlate(np.ones(len(logged)), np.ones(len(expected)), method="direct")
     squares = (first + second - 2.0 * both) / rows
     return np.asarray(squares[len(expected) - 1 - misses : len(squares) - (len(expected) - 1 - misses)])
 

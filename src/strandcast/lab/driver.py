@@ -167,7 +167,7 @@ class LabDriver(LabArm):
         scene = self._scene or make_scene(experiment, throw.name, arm)
         actors = film_subject(swing, string.shifted(variation.along.grasp_length_m))
         start_s, motion_s = clocks.log_start_s + BEFORE_S, float(command.time_s[-1])
-        lamp = led_times(motion_s, self._random("lab-led")) if lab.led else None
+        lamp = led_times(motion_s, self._random("lab-led")) if scene.led is not None else None
         camera = lab.camera
         robot_time_s = frame_times_s(clocks, motion_s, camera.frame_rate_hz)
         since_s, random = robot_time_s - start_s, self._random("lab-sensor")

@@ -179,8 +179,8 @@ def _paint_plane_markers(canvas: Canvas, view: LabView, experiment: Experiment) 
 
 def _paint_led(canvas: Canvas, view: LabView, experiment: Experiment) -> LabLed | None:
     """Paint the dark LED, and return it."""
-    declared, lab = experiment.align.led, experiment.lab
-    if lab is None or not lab.led or declared is None or declared.place_m is None:
+    declared = experiment.align.led
+    if declared is None or declared.place_m is None:
         return None
     place_m = declared.place_m
     middle = view.pixels(np.array(place_m))

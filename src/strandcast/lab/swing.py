@@ -6,7 +6,7 @@ from typing import Any
 
 import mujoco
 import numpy as np
-from scipy.optimize import root
+import scipy
 
 from strandcast.arm.load import Arm, PlanarArm, clamp_frame
 from strandcast.core.trajectory import JointTrajectory
@@ -241,7 +241,7 @@ def at_rest(rig: LabRig, loop: ServoLoop, points: ServoSetPoints) -> np.ndarray:
 
     scale = 1.0
     scale = np.maximum(np.abs(unbalanced(start[free] + 0.3)), 1e-9)
-    answer = root(unbalanced, start[free], tol=1e-12)
+    answer = scipy.optimize.root(unbalanced, start[free], tol=1e-12)
     start[free] = answer.x
     return start
 

@@ -3,7 +3,7 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.spatial.transform import Rotation
+import scipy
 
 from strandcast.arm.yielding_joints import follow
 from strandcast.config.plan import PlanSettings
@@ -96,7 +96,7 @@ def settled(task: PlanningTask, strings: StringBatch, trial: PastTrial) -> np.nd
 def _turned_to(rest: np.ndarray, was: np.ndarray) -> np.ndarray:
     """Return points (n, 2 or 3), turned about the origin to where they are nearest to others."""
     if was.shape[1] == 3:
-        return np.asarray(Rotation.align_vectors(rest, was)[0].apply(was))
+        return np.asarray(scipy.spatial.transform.Rotation.align_vectors(rest, was)[0].apply(was))
     turn = np.arctan2((was[:, 0] * rest[:, 1] - was[:, 1] * rest[:, 0]).sum(), (was * rest).sum())
     cos, sin = np.cos(turn), np.sin(turn)
     return np.asarray(was @ np.array([[cos, sin], [-sin, cos]]))

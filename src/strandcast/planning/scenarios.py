@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
-from scipy.linalg import hadamard
+import scipy
 
 from strandcast.core.disturbances import DISTURBING, TYPICAL_SIZES, Disturbances
 from strandcast.core.strings import CLAMP_OFFSET, StringBatch
@@ -66,6 +66,6 @@ def _signs(joints: int) -> np.ndarray:
     """Return the design (R, 4 + J): 1 or -1 for each disturbance."""
     columns = len(DISTURBING) - 1 + joints
     runs = 1 << int(np.ceil(np.log2(columns + 1)))
-    design = hadamard(runs)[:, 1 : columns + 1]
+    design = scipy.linalg.hadamard(runs)[:, 1 : columns + 1]
     # A second design with all signs reversed removes quadratic effects from the mean, too.
     return np.asarray(np.concatenate([design, -design]))

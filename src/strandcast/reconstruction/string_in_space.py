@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from scipy.interpolate import CubicSpline
+import scipy
 
 from strandcast.reconstruction.rays import CameraRays
 from strandcast.reconstruction.triangulate import (
@@ -135,7 +135,7 @@ def _curves(view: CameraRays) -> CurvesSeen:
     seen = np.isfinite(view.rays).all(axis=-1)
     seen &= seen.sum(axis=1, keepdims=True) >= 2  # through one point there is no curve
     rays = np.nan_to_num(_filled(view.rays))
-    spline = CubicSpline(np.arange(rays.shape[1]), rays, axis=1)
+    spline = scipy.interpolate.CubicSpline(np.arange(rays.shape[1]), rays, axis=1)
     fourth = np.pad(np.abs(np.diff(rays, n=4, axis=1)), ((0, 0), (2, 2), (0, 0)), mode="edge")
     rough = np.maximum(fourth[:, 1:], fourth[:, :-1])
     covariance = np.where(seen[..., None, None], view.covariance, np.eye(2))

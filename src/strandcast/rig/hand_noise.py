@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 
 import numpy as np
-from scipy.linalg import solve_triangular
+import scipy
 
 # Tried: shares of the variance that frames share, and for how long. The shortest is the tracker's
 # (docs/explanation/tracking.md); slow errors, of the lens or of a marker that turns, pass for a wrong arm.
@@ -42,7 +42,7 @@ def noise_root(off_m: np.ndarray, columns: np.ndarray, time_s: np.ndarray) -> np
 
 def whitened(root: np.ndarray, values: np.ndarray) -> np.ndarray:
     """Return values (F, 2, c) over the noise, as rows (2 F, c)."""
-    rows = solve_triangular(root, values.reshape(len(values), -1), lower=True)
+    rows = scipy.linalg.solve_triangular(root, values.reshape(len(values), -1), lower=True)
     return np.asarray(rows.reshape(2 * len(values), -1))
 
 

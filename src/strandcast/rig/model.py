@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.ndimage import median_filter
+import scipy
 
 from strandcast.arm.kinematics import PlanarChain, hand_pose, link_angles, link_points
 from strandcast.arm.load import PlanarArm
@@ -64,7 +64,9 @@ class Detections:
         for marker in np.unique(self.marker):
             mine = np.flatnonzero(self.marker == marker)
             if len(mine) > 1:
-                smooth_m = median_filter(self.pose.position_m[mine], (MEDIAN, 1), mode="nearest")
+                smooth_m = scipy.ndimage.median_filter(
+                    self.pose.position_m[mine], (MEDIAN, 1), mode="nearest"
+                )
                 speed[mine] = np.linalg.norm(np.gradient(smooth_m, self.time_s[mine], axis=0), axis=1)
         return speed
 

@@ -60,7 +60,7 @@ _DECLARED = (
         },
         settings=(
             *("cameras.*.board", "cameras.*.plane", "workspace_m", "string.length_m", "seed", "target_m"),
-            *("lab.camera", "lab.led", "align.led.place_m"),
+            *("lab.camera", "align.led.place_m"),
         ),
     ),
     Stage(

@@ -4,7 +4,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from scipy.interpolate import CubicSpline
+import scipy
 
 from strandcast.arm.load import Arm
 from strandcast.arm.servo import Servo
@@ -153,7 +153,7 @@ def shape_through(
     """Return mass points (n, 3) on a spline through hand (3,) and markers (m, 3); None through too few."""
     if markers_m is None or len(places) < FEWEST_PLACES:
         return None
-    spline = CubicSpline(places, np.vstack([hand_m, markers_m]))
+    spline = scipy.interpolate.CubicSpline(places, np.vstack([hand_m, markers_m]))
     return np.asarray(spline(np.linspace(0.0, 1.0, points + 1)[1:]))
 
 

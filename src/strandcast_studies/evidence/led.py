@@ -89,7 +89,7 @@ def experiment_of(kind: LedCase) -> Experiment:
             "workspace_m": {"x_m": (-0.32, 0.92), "y_m": (-0.48, 0.82)},
             "cameras": {"main": {"plane": {"size_m": 0.08, "markers": markers}}},
             "align": {"led": {"place_m": kind.place_m}},
-            "lab": {"camera": camera, "led": True},
+            "lab": {"camera": camera},
         }
     )
 

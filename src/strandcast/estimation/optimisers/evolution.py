@@ -3,7 +3,7 @@
 from typing import Any
 
 import numpy as np
-from scipy.optimize import Bounds, OptimizeResult, differential_evolution
+import scipy
 
 from strandcast.estimation.evaluation import Array
 from strandcast.estimation.fit_objective import EvaluationLog
@@ -36,15 +36,15 @@ def evolve(
     def value(chi: Any) -> Any:
         return log(chi.T)
 
-    def stop_when_spent(intermediate_result: OptimizeResult) -> None:
+    def stop_when_spent(intermediate_result: scipy.optimize.OptimizeResult) -> None:
         if log.count - begun + size > evaluations:
             raise StopIteration
 
     # With an infinite E, the population's standard deviation is NaN.
     with np.errstate(invalid="ignore"):
-        result = differential_evolution(
+        result = scipy.optimize.differential_evolution(
             value,
-            Bounds(np.zeros(population.shape[1]), np.ones(population.shape[1])),
+            scipy.optimize.Bounds(np.zeros(population.shape[1]), np.ones(population.shape[1])),
             maxiter=evaluations // size,
             tol=patience,
             init=population,

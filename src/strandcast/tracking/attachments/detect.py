@@ -11,7 +11,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.ndimage import find_objects, label
+import scipy
 
 from strandcast.records.track import DetectedSection, DetectedWeight
 from strandcast.tracking.attachments.width_profile import (
@@ -174,7 +174,9 @@ def find_steps(scan: WidthScan) -> list[tuple[int, int]]:
 
 
 def _runs(mask: np.ndarray) -> list[tuple[int, int]]:
-    return [(part.start, part.stop - 1) for (part,) in find_objects(label(mask)[0])]
+    return [
+        (part.start, part.stop - 1) for (part,) in scipy.ndimage.find_objects(scipy.ndimage.label(mask)[0])
+    ]
 
 
 def _weight(scan: WidthScan, bump: tuple[int, int]) -> DetectedWeight | None:

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.ndimage import binary_closing, grey_opening, label, maximum_filter1d, median_filter
+import scipy
 
 LEAST_VISIBLE = 0.4  # share of the frames in which a place must be visible
 AGREE = 0.25  # half of the frames must lie within this share of the local width, or of the string's
@@ -31,7 +31,7 @@ def median_profile(places_m: np.ndarray, widths_m: np.ndarray, agree: float = AG
         error[known] = 0.93 * (high - low) / np.sqrt(count[known])
         # On a ball's steep flanks frames differ because the chain slides; beyond the tip is only noise.
         near = int(SLIDE_M / (places_m[1] - places_m[0])) | 1
-        usual = maximum_filter1d(np.fmax(width, np.nanmedian(width)), near, mode="nearest")
+        usual = scipy.ndimage.maximum_filter1d(np.fmax(width, np.nanmedian(width)), near, mode="nearest")
         width[known] = np.where(high - low > 2 * agree * usual[known], np.nan, width[known])
     return Profile(places_m, _longest_part(width), error)
 
@@ -51,7 +51,7 @@ def _quartiles(widths_m: np.ndarray, count: np.ndarray) -> list[np.ndarray]:
 
 def _longest_part(width: np.ndarray) -> np.ndarray:
     """Keep the longest stretch without larger holes: near the hand, a few places may agree by chance."""
-    parts, count = label(closed(np.isfinite(width), 7))
+    parts, count = scipy.ndimage.label(closed(np.isfinite(width), 7))
     if count < 2:
         return width
     longest = 1 + int(np.argmax([(parts == 1 + part).sum() for part in range(count)]))
@@ -61,7 +61,7 @@ def _longest_part(width: np.ndarray) -> np.ndarray:
 def closed(mask: np.ndarray, places: int) -> np.ndarray:
     """Return a mask (K,) in which holes shorter than `places` are closed."""
     padded = np.pad(mask, places)
-    return np.asarray(binary_closing(padded, np.ones(places, dtype=bool))[places:-places])
+    return np.asarray(scipy.ndimage.binary_closing(padded, np.ones(places, dtype=bool))[places:-places])
 
 
 def own_width(profile: Profile, length_m: float) -> float:
@@ -85,6 +85,6 @@ def without_bumps(profile: Profile, metre_per_pixel: float) -> np.ndarray:
     known = np.isfinite(profile.width_m)
     bridged = np.interp(profile.places_m, profile.places_m[known], profile.width_m[known])
     step_m = profile.places_m[1] - profile.places_m[0]
-    smooth = median_filter(bridged, 5, mode="nearest")
+    smooth = scipy.ndimage.median_filter(bridged, 5, mode="nearest")
     size = int(shortest_section_m(metre_per_pixel) / step_m) | 1
-    return np.asarray(grey_opening(smooth, (size,), mode="nearest"))
+    return np.asarray(scipy.ndimage.grey_opening(smooth, (size,), mode="nearest"))
