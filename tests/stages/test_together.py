@@ -3,6 +3,7 @@
 import json
 import shutil
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from strandcast.imports.capture_mapping import CaptureMapping
 from strandcast.imports.mapping import check_mapping
 from strandcast.records.estimate import Estimate, WeightFit
 from strandcast.stages import import_track
+from strandcast.stages.estimate_record import mass_known
 from strandcast.stages.run import run_stage
 
 LENGTH_M, MASS_KG_M, WEIGHT_KG = 0.6, 0.012, 0.02
@@ -123,6 +125,22 @@ def test_strings_of_unlike_lengths_share_nothing(captured):
         file.write_text(text)
     assert refused.returncode
     assert "bare: its string is not that of loaded" in refused.stderr
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "open_high", "agree", "known"),
+    [
+        (4.0, 30.0, False, True, True),
+        (4.0, 40.0, False, True, False),  # more than a factor of three from its middle
+        (4.0, 30.0, True, True, False),
+        (4.0, 30.0, False, False, False),
+    ],
+)
+def test_a_mass_is_known_within_a_factor_of_three(low, high, open_high, agree, known):
+    space = SimpleNamespace(values=lambda chi: 10.0**chi)
+    ends = {"low": np.log10([low]), "high": np.log10([high])}
+    found = SimpleNamespace(**ends, open_low=[False], open_high=[open_high])
+    assert mass_known(space, found, 0, agree=agree)["known"] is known
 
 
 @pytest.mark.parametrize(

@@ -47,7 +47,7 @@ class WeightFit(Part):
     """The estimated relative mass of a weight or a stiff section at a known place.
 
     `interval` is that of the uncertainty; null without profiles, its ends null where it is open. `known`: it
-    has both ends, and the independent searches agree.
+    has both ends, within a factor of three of its middle, and the independent searches agree.
     """
 
     place_m: float

@@ -14,6 +14,7 @@ from strandcast.core.strings import PARAMETERS, StringBatch
 from strandcast.dynamics.masses import MassLayout
 from strandcast.dynamics.model import StringModel
 from strandcast.estimation.evaluation import W
+from strandcast.estimation.excitation import FACTOR
 from strandcast.estimation.fit import StringFit
 from strandcast.estimation.space import Space
 from strandcast.estimation.throws import PreparedThrow
@@ -142,7 +143,8 @@ def mass_known(space: Space, uncertainty: Uncertainty, row: int, *, agree: bool)
         None if uncertainty.open_low[row] else low / MASS_OFF,
         None if uncertainty.open_high[row] else high * MASS_OFF,
     ]
-    return {"interval": ends, "known": agree and None not in ends}
+    near = high / low <= FACTOR**2  # within that factor of its middle
+    return {"interval": ends, "known": agree and near and None not in ends}
 
 
 def uncertainty_record(fit: StringFit) -> ParameterUncertainty:
