@@ -230,6 +230,57 @@ def test_the_end_of_streaming_is_undisturbed_as_well(arm: PlanarArm) -> None:
     assert (done.status, ended, calm) == ("ok", [True], [False])
 
 
+def test_after_a_long_stall_an_arm_that_stands_is_left_standing(arm: PlanarArm) -> None:
+    driver = streamed(arm)
+    driver.clock.late = {MIDDLE_S: 1.0}  # as by Ctrl-Z and fg
+    command = make_motion(arm).trajectory().resampled(0.002)
+    done = stream(driver.controller, command, safety_bounds(arm), 500.0, list(arm.joints), clock=driver.clock)
+    assert done.status == "aborted"
+    sent = np.array([q for _, q, _ in driver.controller.sent])
+    after = done.log.q_cmd_rad[np.argmax(np.diff(done.log.time_s)) :]
+    assert np.ptp(after[1:], axis=0).max() == 0.0
+    assert np.abs(done.log.qd_cmd_rad_s[-len(after) + 1 :]).max() == 0.0
+    assert len(sent)
+
+
+def test_the_set_points_sent_are_those_that_were_checked(arm: PlanarArm) -> None:
+    driver = StreamedArm(arm, Controller(VirtualClock(), arm, START, rate_hz=125.0))
+    motion = make_motion(arm).trajectory()
+    done = stream(driver.controller, motion, safety_bounds(arm), 125.0, list(arm.joints), clock=driver.clock)
+    checked = motion.at(np.arange(np.ceil(motion.end_s * 125.0) + 1) / 125.0).q_rad
+    sent = done.log.q_cmd_rad
+    apart = np.abs(sent[:, None] - checked[None]).max(axis=2).min(axis=1)
+    assert done.status == "ok"
+    assert apart.max() < 1e-9
+
+
+@pytest.mark.parametrize("where", ["before the stream", "while the move to the start ends"])
+def test_ctrl_c_before_the_throw_lets_nothing_be_thrown(arm: PlanarArm, tmp_path: Path, where: str) -> None:
+    handler = signal.signal(signal.SIGINT, signal.default_int_handler)
+    driver, press = streamed(arm, q=START + 0.1), lambda: os.kill(os.getpid(), signal.SIGINT)
+    play_once, finish_once = driver.play, driver.controller.finish
+
+    def press_and_play(command, folder):
+        press()
+        return play_once(command, folder)
+
+    def press_and_finish() -> None:
+        if driver.played == 0:
+            press()
+        finish_once()
+
+    if where == "before the stream":
+        driver.play = press_and_play
+    else:
+        driver.controller.finish = press_and_finish
+    try:
+        with pytest.raises(StrandcastError, match="interrupted by SIGINT"):
+            throw(arm, driver, tmp_path, move_to_start=True)
+    finally:
+        signal.signal(signal.SIGINT, handler)
+    assert np.abs(driver.controller.target - START).max() < 1e-6
+
+
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_a_signal_ends_in_the_soft_stop(arm: PlanarArm, tmp_path: Path, number: signal.Signals) -> None:
     driver = streamed(arm)

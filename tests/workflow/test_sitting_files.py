@@ -76,9 +76,12 @@ def test_new_films_are_those_since_the_throw_that_are_complete(
     (films / "pictures").mkdir()
     (films / "pictures" / "0001.png").write_bytes(b"a picture")
     assert new() == ["new.mp4", "old.mp4", "pictures"]
-    before["device"] += 1  # another one is mounted there
+    before["device"] += 1  # it was mounted again
+    assert new() == ["new.mp4", "old.mp4", "pictures"]
+    before["files"]["gone.mp4"] = [1, 1, 1]  # another one is mounted there
     assert new() == []
     before["device"] -= 1
+    assert new() == ["new.mp4", "old.mp4", "pictures"]
     monkeypatch.setattr(watched_folder.time, "sleep", lambda _: (films / "new.mp4").open("ab").write(b"more"))
     assert new() == []
     with pytest.raises(Unusable, match=r"new\.mp4 in .* still changes"):
@@ -162,12 +165,16 @@ def test_trials_are_put_aside_without_replacing_one_another(tmp_path: Path) -> N
         (trial.data / "run.json").write_text(reason)
         (trial.results / "track.json").write_text(reason)
         (trial.results / "motion.json").write_text("planned")
+        (trial.results / "made").mkdir(exist_ok=True)
+        for stage in ("plan", "track"):
+            (trial.results / "made" / f"{stage}.json").write_text(stage)
         folders.append(put_aside(context, trial, reason))
         assert context.folder.thrown_trials() == []
     for folder, reason in zip(folders, ("first", "second"), strict=True):
         names = ("why.txt", "run.json", f"results-{folder.name}/track.json")
         assert {(folder / name).read_text().strip() for name in names} == {reason}
-    assert [path.name for path in trial.results.iterdir()] == ["motion.json"]
+    kept = {path.relative_to(trial.results).as_posix() for path in trial.results.rglob("*.json")}
+    assert kept == {"motion.json", "made/plan.json"}  # so that it is not planned again
 
 
 @pytest.mark.parametrize(

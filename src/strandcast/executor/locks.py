@@ -88,7 +88,8 @@ def one_run(address: str | None) -> Iterator[None]:
     if address is None:
         yield
         return
-    path = Path(tempfile.gettempdir()) / f"strandcast-{re.sub(r'[^A-Za-z0-9.-]', '_', address)}.lock"
+    # Not TMPDIR: all users and terminals must meet there.
+    path = Path("/tmp") / f"strandcast-{re.sub(r'[^A-Za-z0-9.-]', '_', address)}.lock"
     with _open_lock(path) as lock:
         try:
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -107,4 +108,6 @@ def _open_lock(path: Path) -> IO[str]:
     try:
         return path.open()  # another user's file may be read-only; that is enough to lock it
     except FileNotFoundError:
-        return path.open("a")
+        lock = path.open("a")
+        path.chmod(0o666)  # whatever the umask, for the next user
+        return lock

@@ -122,6 +122,7 @@ def run_preflight(
     check_clock(motion_path)
     dense = check_motion(motion_path, motion, arm)
     command = check_set_points(motion_path, motion, arm, driver.rate_hz)
+    getattr(driver, "check", lambda command: None)(command)  # limits that only this driver knows
     reach = check_reach(motion_path, arm, dense, options.hanging_m)
     jitter, late = _timing(driver, options, clock) if driver.streams else (None, None)
     most = peaks(arm, dense)

@@ -175,7 +175,7 @@ def _finish_last(sitting: Sitting) -> None:
 
 def _put_aside(sitting: Sitting, context: Context, trial: TrialFolder, reason: str) -> None:
     folder = put_aside(context, trial, reason)
-    _write_record(context, _record(context) | {"thrown": False})
+    _write_record(context, {})  # its listing is not that before the next throw of this number
     sitting.person.show(f"trial {trial.number} was put aside, in {folder}: {reason}")
 
 
@@ -208,6 +208,12 @@ def put_aside(context: Context, trial: TrialFolder, reason: str) -> Path:
         if path.name not in PLANNED:
             made.mkdir(exist_ok=True)
             shutil.move(path, made / path.name)
+    note = Path(
+        "made", "plan.json"
+    )  # as long as it says what the motion was made from, it is not planned again
+    if (made / note).is_file():
+        (trial.results / note).parent.mkdir()
+        shutil.move(made / note, trial.results / note)
     folder.parent.mkdir(exist_ok=True)
     trial.data.rename(folder)  # last: cut off before, the trial is judged and put aside again
     return folder

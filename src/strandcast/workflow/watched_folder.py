@@ -45,10 +45,14 @@ def new_files(folder: Path, before: dict[str, Any], suffixes: tuple[str, ...]) -
     """Return the files of some kinds that have come into a folder since a `listing` of it.
 
     Nothing as long as one of them changes or does not open, as it may be the one; and nothing where another
-    device lies there than before, as a network folder that is away leaves its empty place.
+    device lies there than before, as a network folder that is away leaves its empty place. One that was
+    mounted again is another device with the same files.
     """
     found = facts_of(folder)
-    if not found or folder.stat().st_dev != before["device"]:
+    if not found:
+        return []
+    is_back = bool(before["files"]) and before["files"].keys() <= {printable(path.name) for path in found}
+    if folder.stat().st_dev != before["device"] and not is_back:
         return []
     new = {
         path: facts

@@ -61,8 +61,15 @@ def arm(server: Server, tmp_path: Path) -> PlanarArm:
     arm = arm_at(server, tmp_path)
     with connected(FrankaDriver(arm)) as driver:
         if driver.state().fault:  # a reflex that the test before was ended by
-            driver.recover()
+            recover(driver)
     return arm
+
+
+def recover(driver: FrankaDriver) -> str:
+    """Clear a reflex, as a person does in Desk; return which."""
+    state = driver._robot.read_once()
+    driver._robot.automatic_error_recovery()
+    return f"{state.robot_mode.name}, {state.current_errors}"
 
 
 def arm_at(server: Server, folder: Path) -> PlanarArm:
@@ -241,14 +248,13 @@ def test_a_motion_beyond_the_limits_is_refused_before_anything_is_sent(
     assert not (tmp_path / "trial").exists()
 
 
-def test_too_fast_near_a_joints_end_is_refused_by_the_driver(
-    driver: FrankaDriver, arm: PlanarArm, server: Server, tmp_path: Path
+def test_too_fast_near_a_joints_end_is_refused_before_anything_is_sent(
+    arm: PlanarArm, server: Server, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    command = command_of(arm)
-    near = replace(command, q_rad=command.q_rad + np.array([2.0, 0, 0]))
+    monkeypatch.setattr("strandcast.executor.drivers.franka_limits.MAX_SPEED_RAD_S", np.full(7, 0.1))
     moves = server.asked("Move")
-    with pytest.raises(StrandcastError, match="SC-X004.*fr3_joint2"):
-        driver.play(near, tmp_path)
+    with pytest.raises(StrandcastError, match="SC-X004.*near its end"):
+        throw(arm, planned(arm, tmp_path, FAST), FrankaDriver(arm), tmp_path / "trial")
     assert server.asked("Move") == moves
 
 
@@ -299,13 +305,28 @@ def reflex_and_recovery(driver: FrankaDriver, arm: PlanarArm, tmp_path: Path) ->
     assert "discontinuity" in driver.state().fault
     again = FrankaDriver.play(driver, command_of(arm), tmp_path)
     assert again.status == "fault"
-    said = driver.recover()
+    said = recover(driver)
     assert "Reflex" in said
     assert "discontinuity" in said
     assert driver.state().fault is None
     driver.move_to_start(START)
     again = FrankaDriver.play(driver, command_of(arm), tmp_path)
     assert (again.status, again.reason) == ("ok", None)
+
+
+def test_an_arm_in_a_reflex_is_asked_for_no_settings(
+    driver: FrankaDriver, arm: PlanarArm, server: Server, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    driver.move_to_start(START)
+    monkeypatch.setattr(FrankaLink, "write", sleeping(FrankaLink.write))
+    assert driver.play(command_of(arm), tmp_path).status == "fault"
+    driver.stop()
+    arm.driver_settings.update(torque_threshold_n_m=[40.0] * 7, force_threshold_n=[60.0] * 6)
+    before = server.asked("SetCollisionBehavior")  # a controller in a reflex refuses it
+    with connected(FrankaDriver(arm)) as again:
+        assert "Reflex" in again.state().fault
+        recover(again)
+    assert server.asked("SetCollisionBehavior") == before
 
 
 def test_states_that_cannot_be_written_do_not_lose_the_recording(
@@ -361,7 +382,7 @@ def test_a_long_stall_ends_the_throw_and_leaves_the_log(
     assert len(recording.log.time_s) > 1000
     assert recording.log.time_s[-1] > recording.motion_start_s + 0.4 + 0.5
     assert "communication_constraints_violation" in driver.state().fault
-    assert "communication_constraints_violation" in driver.recover()
+    assert "communication_constraints_violation" in recover(driver)
     assert driver.state().fault is None
 
 
@@ -375,7 +396,7 @@ def test_a_kept_error_does_not_keep_the_connection_open(
             driver.move_to_start(START + 0.2)
     assert caught.tb is not None  # and with it whatever the stream's frames hold
     with connected(FrankaDriver(arm)) as driver:
-        driver.recover()
+        recover(driver)
         assert driver.state().fault is None
 
 

@@ -2,8 +2,8 @@
 
 The controller's reflexes stop the arm at any command that is not continuous up to the acceleration, that
 comes late twenty times in a row, or that leaves its limits. So every stream starts at the posture that the
-controller holds, and eases back to the motion after lost cycles. A reflex stays until a person clears it: in
-Desk, or by `FrankaDriver.recover`.
+controller holds, and eases back to the motion after lost cycles. A reflex stays until a person clears it in
+Desk.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ import numpy as np
 
 from strandcast.arm.load import Arm
 from strandcast.core.trajectory import JointTrajectory
-from strandcast.errors import ENVIRONMENT, STOPPED_BY_CONTROLLER, StrandcastError
+from strandcast.errors import ENVIRONMENT, StrandcastError
 from strandcast.executor.drivers.franka_limits import check_speeds
 from strandcast.executor.drivers.franka_link import FrankaLink
 from strandcast.executor.drivers.franka_settings import JOINTS, FrankaSettings
@@ -50,7 +50,7 @@ class FrankaDriver:
     Raises
     ------
     StrandcastError
-        SC-F003 settings; SC-X061 no connection; SC-X004 too fast near a joint's end; SC-X005 no recovery.
+        SC-F003 settings; SC-X061 no connection; SC-X004 too fast near a joint's end.
     """
 
     name = "franka"
@@ -77,7 +77,8 @@ class FrankaDriver:
         config = config.kEnforce if settings.realtime == "enforce" else config.kIgnore
         try:
             self._robot = vendor.Robot(settings.host, config)
-            self._configure()
+            if self._fault(self._robot.read_once()) is None:  # else it takes no settings; `state` says why
+                self._configure()
         except vendor.RealtimeException as error:
             raise self._connection_error(
                 error, 'use a kernel with PREEMPT_RT; for a simulator, realtime = "ignore"'
@@ -141,20 +142,9 @@ class FrankaDriver:
         fix = "check the arm, then clear the error in Desk, or by its enabling device"
         return f"the controller is in mode {mode.name}{errors}; {fix}"
 
-    def recover(self) -> str:
-        """Clear a reflex after a person has checked the arm; return what was cleared."""
-        before = self._read_state()
-        try:
-            self._robot.automatic_error_recovery()
-        except RuntimeError as error:
-            raise StrandcastError(
-                "SC-X005",
-                f"the controller does not recover: {error}",
-                file=self._arm.path,
-                fix="clear the error in Desk",
-                exit_code=STOPPED_BY_CONTROLLER,
-            ) from None
-        return f"recovered from mode {before.robot_mode.name}, errors {before.current_errors}"
+    def check(self, command: JointTrajectory) -> None:
+        """Refuse a motion that the controller would stop (SC-X004)."""
+        check_speeds(self._arm, self._joints.moving_index, command)
 
     def move_to_start(self, q_rad: np.ndarray) -> None:
         """Move all seven joints slowly, the moving ones to (J,) angles, the held ones to theirs."""
@@ -164,7 +154,6 @@ class FrankaDriver:
 
     def play(self, command: JointTrajectory, folder: Path) -> Recording:
         """Stream the motion; write all seven joints' states to franka.csv in `folder`, also after a fault."""
-        check_speeds(self._arm, self._joints.moving_index, command)
         link = FrankaLink(self._vendor, self._robot, self._joints.moving_index)
         # The controller monitors measured speeds itself, with a reflex that is faster than our stop.
         bounds = replace(safety_bounds(self._arm), velocity_rad_s=np.full(len(self._arm.joints), np.inf))

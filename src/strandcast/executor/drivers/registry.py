@@ -90,15 +90,3 @@ def no_connection(arm: Arm, what: str, fix: str) -> StrandcastError:
         fix=fix,
         exit_code=ENVIRONMENT,
     )
-
-
-def refuse_fault(arm: Arm, fault: str | None) -> None:
-    """Refuse to move an arm that has a fault (SC-X005)."""
-    if fault is not None:
-        raise StrandcastError(
-            "SC-X005",
-            f"the arm cannot be moved: {fault}",
-            file=arm.path,
-            cost=NOTHING_SENT,
-            fix="clear this fault first",
-        )

@@ -27,7 +27,6 @@ from strandcast.executor.drivers.registry import (
     driver_settings,
     missing_package,
     no_connection,
-    refuse_fault,
     require_address,
 )
 from strandcast.executor.drivers.ur_link import UrLink, sync_events
@@ -175,20 +174,12 @@ class UrDriver:
 
     def move_to_start(self, q_rad: np.ndarray) -> None:
         """Move all six joints slowly: the moving ones to (J,) angles, the held ones to theirs."""
-        self._refuse_fault()
         names = self._settings.joints
         with UrSender(self._settings) as sender:
             link = UrLink(self._receive, sender, None, self._settings)
             q_from = np.array(self._receive.getActualQ())
             move_to_start(link, self._arm, q_from, self._joints.all_angles(q_rad), self.rate_hz, names)
         wait_until(lambda: not program_runs(self._receive), FRESH_S)
-
-    def _refuse_fault(self) -> None:
-        state = self.state()
-        fault = state.fault
-        if fault is None and state.speed_scaling != 1.0:
-            fault = f"its speed is scaled to {state.speed_scaling:.0%} (set the slider to 100 %)"
-        refuse_fault(self._arm, fault)
 
     def play(self, command: JointTrajectory, folder: Path) -> Recording:
         """Stream the motion by servoJ; the log has one row for each package received."""

@@ -26,7 +26,6 @@ from strandcast.executor.drivers.registry import (
     driver_settings,
     missing_package,
     no_connection,
-    refuse_fault,
     require_address,
 )
 from strandcast.executor.drivers.xarm_link import (
@@ -150,8 +149,8 @@ class XArmDriver:
 
     def move_to_start(self, q_rad: np.ndarray) -> None:
         """Move all joints slowly: the moving ones to (J,) angles, the held ones to theirs."""
-        refuse_fault(self._arm, self.state().fault)
         report = self._connected()
+        report.update()
         link = XArmLink(self._api, report, self._count, None)
         q_from = report.joints(self._count)[0]
         move_to_start(link, self._arm, q_from, self._joints.all_angles(q_rad), RATE_HZ, self._settings.joints)

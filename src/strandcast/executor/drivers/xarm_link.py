@@ -23,6 +23,7 @@ FRESH_S = 1.0  # chosen; a report comes every 4 ms
 POSITION_MODE, SERVO_MODE = 0, 1
 READY, PAUSED = 0, 3  # states to set, and the first that is reported of an arm that does not move
 MOVE_SERVOJ = 29  # the command of a set point
+UNDELIVERED_MS = 500  # chosen: a stop has been asked for long before
 
 
 def answers(host: str) -> bool:
@@ -86,7 +87,11 @@ class XArmLink:
     def start(self) -> None:
         """Enter servo mode: from now on the arm follows each set point at once."""
         # No set point may wait in the host for those before it to be acknowledged.
-        self._api._arm._stream.com.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        connection = self._api._arm._stream.com
+        connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        # Set points that a broken connection holds back must not reach the arm once it is back (Linux alone).
+        if hasattr(socket, "TCP_USER_TIMEOUT"):
+            connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, UNDELIVERED_MS)
         self._enter(SERVO_MODE)
 
     def _enter(self, mode: int) -> None:

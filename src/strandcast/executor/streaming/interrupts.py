@@ -9,19 +9,33 @@ from types import FrameType
 from strandcast.errors import ENDING_SIGNALS
 
 
+class _Note:
+    """A handler of signals that reports them, and remembers them for a block within."""
+
+    def __init__(self, report: Callable[[str], None]) -> None:
+        self._report = report
+        self.reasons: list[str] = []
+
+    def __call__(self, number: int, frame: FrameType | None) -> None:
+        self.reasons.append(f"interrupted by {signal.Signals(number).name}")
+        self._report(self.reasons[-1])
+
+
 @contextmanager
 def interrupts(report: Callable[[str], None]) -> Iterator[None]:
-    """Call `report` with the reason instead of ending the process; works in the main thread only."""
+    """Call `report` with the reason instead of ending the process; works in the main thread only.
+
+    What a block around this one has held off before is reported at once.
+    """
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-
-    def note(number: int, frame: FrameType | None) -> None:
-        report(f"interrupted by {signal.Signals(number).name}")
-
     # Under nohup, a closed terminal is not a request to stop.
     unwanted = {signal.SIGHUP} if signal.getsignal(signal.SIGHUP) is signal.SIG_IGN else set()
+    note, outer = _Note(report), signal.getsignal(signal.SIGINT)
     before = {number: signal.signal(number, note) for number in ENDING_SIGNALS if number not in unwanted}
+    for reason in outer.reasons if isinstance(outer, _Note) else ():
+        report(reason)
     try:
         yield
     finally:

@@ -27,6 +27,8 @@ LEAD_S = 0.5
 TAIL_S = 0.6  # the run record requires 0.5 s
 STOPPING_S = 2.0  # space in the log for a soft stop and its tail
 MAX_FAILURES = 5  # failed cycles in a row: the link is lost
+# Without set points for longer, an arm that the host paces stands at the last one.
+STANDS_S = 0.1
 # Cycles that a pacing controller (Franka) extrapolates; after more it has stopped, or its clock jumped.
 MAX_EXTRAPOLATED = 20
 
@@ -83,7 +85,8 @@ class _Loop:
         clock: Clock,
     ) -> None:
         self._link, self._clock, self._names = link, clock, joint_names
-        self._lead_s, self._tail_s = hold_s
+        # In whole cycles: what is sent is what was checked.
+        self._lead_s, self._tail_s = (math.ceil(s * rate_hz - 1e-6) / rate_hz for s in hold_s)
         self._motion_s = command.end_s
         stop = SoftStop(bounds.stop_acceleration_rad_s2, bounds.stop_jerk_rad_s3)
         self._set_points = SetPoints(command, self._lead_s, stop)
@@ -233,6 +236,8 @@ class _Loop:
         if self._link.paces and 0.0 < began_s - self._sent_s <= MAX_EXTRAPOLATED * self._period_s:
             # Such a controller extrapolates over missing set points: take over where it is now.
             self._set_points.advance(began_s)
+        if not self._link.paces and began_s - self._sent_s > STANDS_S:
+            self._set_points.rest()
         self._over_s = began_s + self._set_points.begin_stop(began_s) + self._tail_s
 
     def _switch(self) -> None:
@@ -250,6 +255,8 @@ class _Loop:
             if self._status == "ok":
                 self._status = "aborted"
                 self._reason = f"the streaming could not be ended ({type(error).__name__}: {error})"
+        if self._interrupted and self._status == "ok":  # while it ended: nothing may follow
+            self._status, self._reason = "aborted", self._interrupted
 
     def recording(self, scheduling: str) -> Recording:
         """Return the log and how the streaming ended."""

@@ -45,6 +45,10 @@ class SetPoints:
         self._stop_began_s = elapsed_s
         return self._stop.begin(self.q, self.qd, self.qdd)
 
+    def rest(self) -> None:
+        """Take the arm to stand at the newest set point."""
+        self.qd[:], self.qdd[:] = 0.0, 0.0
+
     def since_start_s(self, elapsed_s: float) -> float:
         """Return the time since the motion's start [s], NaN outside the motion."""
         since_s = elapsed_s - self._lead_s
