@@ -8,16 +8,12 @@ from ruamel.yaml import YAML
 from strandcast.config.estimate import EstimateSettings
 from strandcast.config.fix import fix_names
 from strandcast.config.load import load_experiment
-from strandcast.config.renamed import MERGED, RENAMED, Renamed, with_new_names
+from strandcast.config.renamed import MERGED, RENAMED, with_new_names
 from strandcast.errors import StrandcastError
 from strandcast_studies.settings_page import fields
 
 HEAD = "string: {length_m: 0.3}\ntarget_m: [0.5, 0.5]\n"
 EXAMPLE = Path(__file__).parents[2] / "config/experiments/demo.yaml"
-CHANGES = (
-    Renamed("plan.finer", "plan.ensemble"),
-    Renamed("track.hand", "track.tracker", {"pivot": "pendulum", "marker": "chain"}),
-)
 
 
 def loaded(text: str):
@@ -25,12 +21,11 @@ def loaded(text: str):
 
 
 def test_old_names_and_values_are_translated_in_place():
-    data = loaded("arm: x\nplan:\n  screening: 64\n  finer: 4\ntrack: {hand: pivot}\n")
-    lines = with_new_names(data, Path("e.yaml"), CHANGES)
-    assert dict(data["plan"]) == {"screening": 64, "ensemble": 4}
-    assert dict(data["track"]) == {"tracker": "pendulum"}
-    assert data["plan"].lc.data["ensemble"][0] == 3
-    assert (lines[0].line, lines[0].what[:39]) == (3, "plan.finer is now called plan.ensemble;")
+    data = loaded("arm: x\ntrack:\n  polarity: dark\n  hand: pivot\n")
+    (change,) = with_new_names(data, Path("e.yaml"))
+    assert dict(data["track"]) == {"polarity": "dark", "tracker": "pendulum"}
+    assert data["track"].lc.data["tracker"][0] == 3
+    assert (change.line, change.what[:40]) == (3, "track.hand is now called track.tracker; ")
 
 
 def test_what_was_dropped_is_left_out_with_its_line(tmp_path, caplog):
@@ -51,7 +46,7 @@ def test_what_was_dropped_is_left_out_with_its_line(tmp_path, caplog):
 
 def test_new_names_pass_in_silence():
     data = loaded("plan: {ensemble: 4}\n")
-    assert with_new_names(data, Path("e.yaml"), CHANGES) == []
+    assert with_new_names(data, Path("e.yaml")) == []
     assert dict(data["plan"]) == {"ensemble": 4}
 
 
@@ -81,9 +76,9 @@ def test_settings_that_became_one_are_read_and_refused_twice(tmp_path, caplog):
 
 
 def test_both_names_are_refused():
-    data = loaded("plan:\n  finer: 4\n  ensemble: 4\n")
+    data = loaded("track:\n  hand: pivot\n  tracker: chain\n")
     with pytest.raises(StrandcastError) as caught:
-        with_new_names(data, Path("e.yaml"), CHANGES)
+        with_new_names(data, Path("e.yaml"))
     assert (caught.value.code, caught.value.line) == ("SC-F003", 2)
 
 

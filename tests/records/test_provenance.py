@@ -31,7 +31,7 @@ def other_versions(monkeypatch):
     """Make this process write other versions."""
 
     def use() -> None:
-        monkeypatch.setattr(provenance, "_versions", lambda: tuple(OTHER.items()))
+        monkeypatch.setattr(provenance, "_versions", lambda: OTHER)
 
     return use
 

@@ -1,8 +1,8 @@
 """What several commands share: arguments and their completion, and how results are printed."""
 
 import json
+import os
 from collections.abc import Iterable, Iterator
-from pathlib import Path
 from typing import Annotated, Any
 
 import typer
@@ -66,7 +66,7 @@ AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON object inst
 def show(as_json: bool, data: dict[str, Any], lines: Iterable[str]) -> None:
     """Print a command's result: one JSON object, or lines for a person."""
     if as_json:
-        print(json.dumps(data, default=_plain, ensure_ascii=False), flush=True)
+        print(json.dumps(data, default=os.fspath, ensure_ascii=False), flush=True)
     else:
         for line in lines:
             print(line)
@@ -86,9 +86,3 @@ def table_lines(title: str, heads: Iterable[str], rows: Iterable[Iterable[str]])
     with console.capture() as capture:
         console.print(f"[bold]{title}[/bold]", table, sep="\n", highlight=False)
     yield from (line.rstrip() for line in capture.get().splitlines())
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, Path):
-        return value.as_posix()
-    raise TypeError(f"{type(value).__name__} is not JSON")

@@ -106,9 +106,7 @@ class Change(NamedTuple):
     added: str = ""
 
 
-def with_new_names(
-    data: CommentedMap, file: Path, renamed: tuple[Renamed, ...] | None = None
-) -> list[Change]:
+def with_new_names(data: CommentedMap, file: Path) -> list[Change]:
     """Give settings their new names in place, and remove dropped ones; line numbers stay those of the file.
 
     Raises
@@ -119,13 +117,11 @@ def with_new_names(
     asked = [*_with_method(data), *_with_forces(data, file)]
     changed = (
         _changed(section, change, file)
-        for change in (RENAMED if renamed is None else renamed)
+        for change in RENAMED
         for section in _sections(data, change.old.split(".")[:-1])
         if change.old.split(".")[-1] in section
     )
-    merged = (
-        [] if renamed is not None else [change for each in MERGED for change in _merged(data, each, file)]
-    )
+    merged = [change for each in MERGED for change in _merged(data, each, file)]
     return [*asked, *merged, *(each for each in changed if each is not None)]
 
 

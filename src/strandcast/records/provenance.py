@@ -2,9 +2,9 @@
 
 import sys
 from functools import cache
-from importlib.metadata import PackageNotFoundError, version
 
 from strandcast import __version__
+from strandcast.packages import installed_version
 
 # The libraries on which numbers in results depend. A fixed list, not the imported modules: a stage writes the
 # same bytes however it is run.
@@ -21,14 +21,10 @@ LIBRARIES = (
 
 
 @cache
-def _versions() -> tuple[tuple[str, str], ...]:
-    found = [("strandcast", __version__), ("python", ".".join(map(str, sys.version_info[:3])))]
-    for name in LIBRARIES:
-        try:
-            found.append((name, version(name)))
-        except PackageNotFoundError:  # the computer at the arm needs only some of them
-            continue
-    return tuple(found)
+def _versions() -> dict[str, str]:
+    python = ".".join(map(str, sys.version_info[:3]))
+    found = {name: installed_version(name) for name in LIBRARIES}  # at the arm only some of them
+    return {"strandcast": __version__, "python": python} | {k: v for k, v in found.items() if v is not None}
 
 
 def current_versions() -> dict[str, str]:

@@ -11,7 +11,7 @@ import shlex
 import socket
 import sys
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import NamedTuple
@@ -61,18 +61,13 @@ def hold_until_exit(
 
     `check` is called with the root and the experiments while the leases are held, and may refuse by an error.
     """
-    taken: list[tuple[str, SoftFileLease]] = []
-    try:
-        for name in sorted(set(experiments)):
-            taken.append((name, take(root, name)))
+    names = sorted(set(experiments))
+    with ExitStack() as held:
+        for name in names:
+            held.callback(_release, root, name, take(root, name))
         if check is not None:
-            check(root, [name for name, _ in taken])
-    except StrandcastError:
-        for name, held in taken:
-            _release(root, name, held)
-        raise
-    for name, held in taken:
-        atexit.register(_release, root, name, held)
+            check(root, names)
+        atexit.register(held.pop_all().close)
 
 
 def take(root: Path, experiment: str) -> SoftFileLease:
@@ -168,7 +163,7 @@ def living_owner(root: Path, experiment: str) -> Owner | None:
     """Return who holds an experiment's lease; a process of another host may have ended."""
     owner = owner_of(root, experiment) if _lease_file(root, experiment).exists() else None
     here = owner is not None and owner.host == socket.gethostname()
-    return None if owner is None or (here and (not _lives(owner.pid) or _is_zombie(owner.pid))) else owner
+    return None if owner is None or (here and not _lives(owner.pid)) else owner
 
 
 def _release(root: Path, experiment: str, held: SoftFileLease) -> None:

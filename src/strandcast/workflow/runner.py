@@ -2,7 +2,6 @@
 
 import sys
 from collections.abc import Iterable
-from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple
 
@@ -18,14 +17,13 @@ from strandcast.report.expected import expected_miss
 from strandcast.report.first_screen import readable_motion
 from strandcast.stages.context import context_of
 from strandcast.stages.producers import recording_advice, to_correct_first
-from strandcast.stages.run import run_stage
 from strandcast.workflow.campaign import write_campaign
 from strandcast.workflow.check import runnable, unlogged_trials
 from strandcast.workflow.display import Display, display_for
 from strandcast.workflow.engine import compiling_ahead, run_snakemake
 from strandcast.workflow.events import RunState, StageRun, past_durations
 from strandcast.workflow.host import check_host
-from strandcast.workflow.pages import render_pages
+from strandcast.workflow.pages import PageJob, render_page, render_pages
 from strandcast.workflow.pending import changed_raw_files, lost_results
 from strandcast.workflow.project import DEFAULT_PROFILE, executor_of, profile
 from strandcast.workflow.slurm import SLURM, require_slurm, status_options
@@ -186,14 +184,9 @@ def refuse_elsewhere(root: Path) -> None:
 
 def _report_damage(root: Path, experiment: str, damaged: list[Finding], dry_run: bool) -> None:
     """Print what is damaged, and make the pages again that show it."""
-    folder = ExperimentFolder(root, experiment)
-    trials = [] if dry_run else folder.reported_trials()
-    for trial in trials:
-        with suppress(StrandcastError):  # raised after the page is written: it says what is damaged
-            run_stage("report", root, experiment, trial)
-    if trials:
-        with suppress(StrandcastError):
-            run_stage("summary", root, experiment, trials=trials)
+    trials = [] if dry_run else ExperimentFolder(root, experiment).reported_trials()
+    for trial in [*trials, 0] if trials else []:
+        render_page(PageJob(root, experiment, trial))  # what it says is printed below
     for finding in damaged:
         print(f"{finding.file}: {finding.what}\n        Fix: {finding.fix}", file=sys.stderr)
     print(f"{experiment}: not run, because of the files above; its pages say so", file=sys.stderr)

@@ -16,8 +16,8 @@ from typing import Any, NamedTuple
 from strandcast.errors import ENVIRONMENT, StrandcastError
 from strandcast.records.files import atomic_write
 from strandcast.records.listing import write_listing
+from strandcast.workflow.targets import ROOT
 
-PROJECT = Path()  # where Snakemake runs
 SETTINGS = ("Snakefile", "workflow/Snakefile", "config/**/*", "data/*/*")  # only files, no folders
 
 
@@ -104,7 +104,7 @@ def is_setting(path: str) -> bool:
 
 def _copy_settings(folder: Path) -> None:
     """Let the folder where stages run have just these settings; other jobs may read them there meanwhile."""
-    settings = _settings_in(PROJECT)
+    settings = _settings_in(ROOT)
     for path in settings:
         copy = folder / path
         if not (copy.is_file() and filecmp.cmp(path, copy, shallow=False)):
