@@ -84,6 +84,15 @@ def installed_version(package: str) -> str | None:
         return None
 
 
+def optional_package(module: str, package: str, extra: str, instead: str = "") -> Any:
+    """Return a module of a package that only one import or export needs (SC-W012 if it is not installed)."""
+    try:
+        return importlib.import_module(module)
+    except ImportError:
+        what, fix = f"this needs the package {package}", f'pip install "strandcast[{extra}]"{instead}'
+        raise StrandcastError("SC-W012", what, fix=fix, exit_code=ENVIRONMENT) from None
+
+
 def fault_of(package: str) -> Fault | None:
     """Return why a package does not work; None: it does, or there is no probe of it."""
     if package not in PROBES:

@@ -149,7 +149,7 @@ def test_what_cannot_be_exported_is_refused(library, project, tmp_path, monkeypa
     experiment = strandcast.open(root)["small"]
     (tmp_path / "used").mkdir()
     (tmp_path / "used" / "note").touch()
-    with pytest.raises(StrandcastError, match="SC-I050"):
+    with pytest.raises(StrandcastError, match="SC-E005"):
         export_crate(experiment, tmp_path / "used")
     flip(root / VIDEO)
     with pytest.raises(StrandcastError, match="SC-I053") as refused:
@@ -157,7 +157,7 @@ def test_what_cannot_be_exported_is_refused(library, project, tmp_path, monkeypa
     assert VIDEO in refused.value.message()
     shutil.rmtree(root / "results")
     shutil.rmtree(root / "data" / "small" / "trial-01")
-    with pytest.raises(StrandcastError, match="SC-I051"):
+    with pytest.raises(StrandcastError, match="SC-W030"):
         export_crate(experiment, tmp_path / "out.zip")
     monkeypatch.setitem(sys.modules, "rocrate.rocrate", None)
     with pytest.raises(StrandcastError, match=r"SC-W012(.|\n)*strandcast\[crate\]"):

@@ -79,7 +79,7 @@ def test_dataset_is_one_of_lerobot_with_both_clocks(project, throw, tmp_path) ->
     with av.open(str(tmp_path / "set" / video / "chunk-000" / "file-000.mp4")) as film:
         pictures = sum(1 for _ in film.decode(video=0))
     assert episode[f"{video}/to_timestamp"] <= pictures / info["fps"] + 1e-9
-    with pytest.raises(StrandcastError, match="SC-I050"):
+    with pytest.raises(StrandcastError, match="SC-E005"):
         export_dataset(strandcast.open(project)["small"], tmp_path / "set")
 
 

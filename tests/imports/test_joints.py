@@ -367,7 +367,7 @@ def test_a_bag_without_the_package_says_what_to_install(tmp_path):
     if find_spec("rosbags"):
         pytest.skip("rosbags is installed: tests/executor/drivers/test_rosbag.py reads bags")
     (tmp_path / "log.mcap").write_bytes(b"")
-    with pytest.raises(StrandcastError, match="SC-I040") as refusal:
+    with pytest.raises(StrandcastError, match="SC-W012") as refusal:
         import_joints(tmp_path / "log.mcap", tmp_path / "out")
     assert "strandcast[ros]" in refusal.value.fix
     assert refusal.value.exit_code == ENVIRONMENT

@@ -307,7 +307,7 @@ def test_what_cannot_be_joined_is_refused(project):
     with pytest.raises(StrandcastError, match=f"SC-I049.*{1.03 * LENGTH_M:.4g} m in left"):
         import_views.run(project, "space", 1, [("left", 1), ("right", 1)])
     left.unlink()
-    with pytest.raises(StrandcastError, match="SC-I048"):
+    with pytest.raises(StrandcastError, match="SC-W030"):
         import_views.run(project, "space", 1, [("left", 1), ("right", 2)])
     with pytest.raises(StrandcastError, match="SC-I047"):
         import_views.run(project, "space", 1, [("left", 1)])

@@ -130,7 +130,7 @@ def test_a_run_that_was_slowed_down_is_no_throw(bench: Bench) -> None:
 
 
 def test_the_log_of_a_rehearsal_is_planned_with(bench: Bench) -> None:
-    with pytest.raises(StrandcastError, match=r"(?s)SC-I059.*cp MOTION .*rehearsal/motion.json") as caught:
+    with pytest.raises(StrandcastError, match=r"(?s)SC-V020.*cp MOTION .*rehearsal/motion.json") as caught:
         bench.take(trial=None)
     folder = bench.trial.with_name("rehearsal")
     assert caught.value.file == str(folder / "motion.json")

@@ -280,7 +280,7 @@ def test_a_capture_in_the_arms_frame_needs_the_clocks_offset_alone(root: Path, c
     file = root / "data/hung/experiment.yaml"
     file.parent.mkdir()
     file.write_text("string: {length_m: 0.41}\n")
-    with pytest.raises(StrandcastError, match=r"SC-I058.*offset") as caught:
+    with pytest.raises(StrandcastError, match=r"SC-E008.*offset") as caught:
         import_track.run(root, "hung", 1, own, mapping, offset_s=1.0)
     assert caught.value.file == str(own)
 
@@ -308,13 +308,13 @@ def test_a_second_end_or_a_direction_of_a_throw_is_refused(
     markers = [f"{0.05 * k}:m{k}" for k in range(1, 9)]
     given = {"up": "y", "length_unit": "mm", "time": "t", "time_unit": "s"}
     mapping = capture_mapping_of("hand", markers, **given, **options)
-    with pytest.raises(StrandcastError, match=rf"(?s)SC-I058.*leave {field} out") as caught:
+    with pytest.raises(StrandcastError, match=rf"(?s)SC-E008.*leave {field} out") as caught:
         import_track.run(root, "cast", 1, captured, mapping, replace=True)
     assert caught.value.file == str(captured)
     alone = capture_mapping_of("hand", markers, **given)
     assert alone.hand is not None
     turned = alone.hand.model_copy(update={"quaternion": ["qx", "qy", "qz", "qw"], "leaves": [0.0, 0.0, 1.0]})
-    with pytest.raises(StrandcastError, match=r"(?s)SC-I058.*leave hand\.quaternion out"):
+    with pytest.raises(StrandcastError, match=r"(?s)SC-E008.*leave hand\.quaternion out"):
         import_track.run(root, "cast", 1, captured, alone.model_copy(update={"hand": turned}), replace=True)
 
 

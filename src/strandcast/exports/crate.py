@@ -20,7 +20,8 @@ from urllib.parse import quote
 from strandcast.api import ExperimentView
 from strandcast.core.trial_names import in_trial_order, trial_digits
 from strandcast.errors import StrandcastError
-from strandcast.exports.throw import optional_package, refuse_filled
+from strandcast.exports.throw import refuse_filled
+from strandcast.packages import optional_package
 from strandcast.records.files import atomic_write, check_room, sha256_file, write_bytes
 from strandcast.records.folders import files_of_video
 from strandcast.records.lineage import relative_to
@@ -92,7 +93,7 @@ def export_crate(
     Raises
     ------
     StrandcastError
-        SC-W012 the package rocrate is missing; SC-I050 the folder is not empty; SC-I051 no result is there;
+        SC-W012 the package rocrate is missing; SC-E005 the folder is not empty; SC-W030 no result is there;
         otherwise as the readers of results.
     """
     library = optional_package("rocrate.rocrate", "rocrate", "crate")
@@ -102,7 +103,7 @@ def export_crate(
     runs = _stage_runs(experiment)
     if not runs:
         what, fix = "has no results to export", f"strandcast run {experiment.name}"
-        raise StrandcastError("SC-I051", what, file=experiment.context.folder.results, fix=fix)
+        raise StrandcastError("SC-W030", what, file=experiment.context.folder.results, fix=fix)
     files = _files(experiment, {name for run in runs for name in run.inputs})
     left_out = (
         {name: files.pop(name) for name in sorted(_videos(experiment) & set(files))} if without_video else {}

@@ -37,7 +37,7 @@ def export_dataset(experiment: ExperimentView, folder: Path) -> int:
     Raises
     ------
     StrandcastError
-        SC-I050 the folder is not empty; SC-I051 no trial has been estimated.
+        SC-E005 the folder is not empty; SC-W030 no trial has been estimated.
     """
     refuse_filled(folder, "a dataset")
     trials = [t for t in experiment.trials.values() if (t.folder.results / "estimate.json").is_file()]
@@ -45,7 +45,7 @@ def export_dataset(experiment: ExperimentView, folder: Path) -> int:
     throws = [read_throw(trial) for trial in trials if trial.number in counted]
     if not throws:
         what, fix = "has no estimated trial to export", f"strandcast run {experiment.name}"
-        raise StrandcastError("SC-I051", what, file=experiment.context.folder.results, fix=fix)
+        raise StrandcastError("SC-W030", what, file=experiment.context.folder.results, fix=fix)
     rate_hz = _rate_hz(throws[0])
     filmed = all(throw.video is not None and throw.video.suffix == ".mp4" for throw in throws)
     columns, episodes, start = [], [], 0

@@ -10,7 +10,8 @@ from pathlib import Path
 
 import numpy as np
 
-from strandcast.exports.throw import ThrowData, optional_package
+from strandcast.exports.throw import ThrowData
+from strandcast.packages import optional_package
 
 BASE_FRAME = "base"
 JOINT_STATE, PATH = "sensor_msgs/msg/JointState", "nav_msgs/msg/Path"

@@ -5,7 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from strandcast.exports.throw import ThrowData, optional_package
+from strandcast.exports.throw import ThrowData
+from strandcast.packages import optional_package
 
 CLOCK = "robot_time"
 ARM, MEASURED, FITTED, TARGET = (90, 90, 90), (0, 114, 178), (213, 94, 0), (0, 158, 115)

@@ -1,9 +1,7 @@
 """One throw as arrays on the robot's clock, as all exports of recordings take it."""
 
 from dataclasses import dataclass
-from importlib import import_module
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -108,17 +106,8 @@ def _joints(arm: PlanarArm, log: JointLog | None) -> tuple[np.ndarray, np.ndarra
     return log.time_s[rows], log.q_rad[rows][:, columns], log.q_cmd_rad[rows][:, columns]
 
 
-def optional_package(module: str, package: str, extra: str) -> Any:
-    """Return a module of a package that only one export needs (SC-W012 if it is not installed)."""
-    try:
-        return import_module(module)
-    except ImportError:
-        fix = f"pip install 'strandcast[{extra}]'"
-        raise StrandcastError("SC-W012", f"this export needs the package {package}", fix=fix) from None
-
-
 def refuse_filled(folder: Path, what: str) -> None:
-    """Refuse a folder that is not empty (SC-I050) for what is written whole."""
+    """Refuse a folder that is not empty (SC-E005) for what is written whole."""
     if folder.is_dir() and any(folder.iterdir()):
         fix = "give a new folder, or delete this one"
-        raise StrandcastError("SC-I050", f"is not empty: {what} is written whole", file=folder, fix=fix)
+        raise StrandcastError("SC-E005", f"is not empty: {what} is written whole", file=folder, fix=fix)

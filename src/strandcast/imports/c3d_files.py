@@ -1,15 +1,13 @@
 """Motion captures in C3D files, read by the optional package `ezc3d`."""
 
 import re
-from importlib import import_module
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from strandcast.errors import ENVIRONMENT, StrandcastError
 from strandcast.imports.mapping import unit_named
 from strandcast.imports.table import NumberTable
+from strandcast.packages import optional_package
 from strandcast.records.record import refusal
 from strandcast.records.tables import MOST_BYTES
 
@@ -25,18 +23,9 @@ def read_c3d(path: Path) -> NumberTable:
     Raises
     ------
     StrandcastError
-        SC-I040 the package is not installed; SC-I001 the file cannot be read.
+        SC-W012 the package is not installed; SC-I001 the file cannot be read.
     """
-    try:
-        ezc3d: Any = import_module("ezc3d")
-    except ImportError:
-        raise StrandcastError(
-            "SC-I040",
-            "reading a C3D file needs the package ezc3d",
-            file=path,
-            fix='pip install "strandcast[c3d]", or export the capture as CSV',
-            exit_code=ENVIRONMENT,
-        ) from None
+    ezc3d = optional_package("ezc3d", "ezc3d", "c3d", ", or export the capture as CSV")
     if not path.is_file() or path.stat().st_size > MOST_BYTES:
         raise refusal("SC-I001", path, None, "is missing or far too large", "check the path")
     try:

@@ -96,7 +96,7 @@ def import_capture(
         if known.offset_s is not None:
             what = "the offset of the clocks is given, and the experiment has no target in space"
             fix = "leave --offset out: without a target in space, the capture's clock is the only one"
-            raise refusal("SC-I058", table.path, "offset", what, fix)
+            raise refusal("SC-E008", table.path, "offset", what, fix)
         start_s, end_s = mapping.motion_start_s, mapping.motion_end_s
         motion_s = time_s[0] if start_s is None else start_s, time_s[-1] if end_s is None else end_s
         alignment = supplied_clock(*trial, len(time_s), (float(motion_s[0]), float(motion_s[1])))
@@ -380,7 +380,7 @@ def _placed(
     if wrong := [field for field, value in given.items() if value]:
         what = "the arm's hand alone drives the string of a throw, in the direction that the joint log gives"
         fix = f"leave {' and '.join(wrong)} out; --hand takes any one place on the arm's hand"
-        raise refusal("SC-I058", table.path, wrong[0], what, fix)
+        raise refusal("SC-E008", table.path, wrong[0], what, fix)
     body_m = None if hand is None else _position(table, mapping, hand.position)
     return place_capture(thrown, time_s, body_m, tip_m, known.offset_s, table.path)
 

@@ -230,7 +230,7 @@ def _refuse_exchanged_joints(log: JointLog, file: str) -> None:
 def _rehearsal_of_no_motion(folder: Path, plans: Mapping[Path, Motion]) -> StrandcastError:
     motion, planned = folder / "motion.json", next(iter(plans), Path("MOTION"))
     return StrandcastError(
-        "SC-I059",
+        "SC-V020",
         "is missing, and the log does not say which motion was played",
         file=motion,
         fix=f"copy it there before planning again: {shlex.join(['cp', str(planned), str(motion)])}",

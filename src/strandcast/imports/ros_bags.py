@@ -10,9 +10,10 @@ from typing import Any, Literal
 
 import numpy as np
 
-from strandcast.errors import ENVIRONMENT, StrandcastError
+from strandcast.errors import StrandcastError
 from strandcast.imports.mapping import JointMapping, JointSource
 from strandcast.imports.table import NumberTable
+from strandcast.packages import optional_package
 from strandcast.records.files import sha256_file
 from strandcast.records.record import refusal
 
@@ -58,7 +59,7 @@ def read_bag(path: Path, topic: str | None, clock: Clock, namings: Sequence[list
     Raises
     ------
     StrandcastError
-        SC-I040 rosbags is not installed; SC-I001 the bag cannot be read; SC-I042 no topic has joints,
+        SC-W012 rosbags is not installed; SC-I001 the bag cannot be read; SC-I042 no topic has joints,
         or several do; SC-I006 the arm's joints are not in the bag.
     """
     with _opened(path) as reader:
@@ -93,16 +94,10 @@ def _sha256(path: Path) -> str:
 
 @contextmanager
 def _opened(path: Path) -> Iterator[Any]:
-    try:
-        highlevel, typesys = import_module("rosbags.highlevel"), import_module("rosbags.typesys")
-    except ImportError:
-        raise StrandcastError(
-            "SC-I040",
-            "reading a bag needs the package rosbags, which is not installed",
-            file=path,
-            fix='pip install "strandcast[ros]", or hand the joints in as CSV',
-            exit_code=ENVIRONMENT,
-        ) from None
+    highlevel, typesys = (
+        optional_package(f"rosbags.{name}", "rosbags", "ros", ", or hand the joints in as CSV")
+        for name in ("highlevel", "typesys")
+    )
     if not path.exists():
         raise refusal("SC-I001", path, None, "the bag is missing", "check the path")
     try:

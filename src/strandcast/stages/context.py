@@ -119,13 +119,13 @@ def refuse_unknown_trial(context: Context, trial: int) -> None:
     Raises
     ------
     StrandcastError
-        SC-W031 there is no such trial.
+        SC-W021 there is no such trial.
     """
     folder, known = context.folder, context.folder.thrown_trials()
     if trial not in known and not (folder.trial(trial).results / "verdict.json").is_file():
         there = f"thrown so far: {', '.join(map(str, known))}" if known else "nothing was thrown yet"
         raise StrandcastError(
-            "SC-W031",
+            "SC-W021",
             f"there is no trial {trial}",
             file=folder.data,
             fix=f"give a trial that exists; {there}",

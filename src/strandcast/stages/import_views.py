@@ -103,7 +103,7 @@ def _view(context: Context, trial: int) -> StringView:
     path = folder.results / OBSERVATIONS
     if not path.is_file():
         raise StrandcastError(
-            "SC-I048",
+            "SC-W030",
             "this camera's trial has not been tracked",
             file=path,
             fix=f"strandcast run {experiment} --until align",
@@ -112,7 +112,7 @@ def _view(context: Context, trial: int) -> StringView:
     observed = read_observations(path)
     if camera not in observed:
         what = f"holds {', '.join(observed) or 'nothing'}, and the experiment's camera is {camera}"
-        raise StrandcastError("SC-I048", what, file=path, fix=f"strandcast track {experiment} {trial}")
+        raise StrandcastError("SC-W030", what, file=path, fix=f"strandcast track {experiment} {trial}")
     record = Camera.read(context.folder.camera(camera))
     clock = Alignment.read(folder.results / "alignment.json")
     return StringView(experiment, observed[camera].string, record, clock)

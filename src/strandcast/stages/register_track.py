@@ -18,7 +18,7 @@ def run(job: Job, files: Files) -> None:
     refuse_other_target(job.context, in_space)
     if summary.points != declared and not in_space:
         raise StrandcastError(
-            "SC-I020",
+            "SC-R021",
             f"the track has {summary.points} points, the experiment's string {declared}",
             file=files.input("summary"),
             field="points",
