@@ -5,6 +5,7 @@ It shows what happens on the wire and in the log; it does not show what an xArm 
 
 import itertools
 import os
+import socket
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -96,6 +97,7 @@ def test_a_motion_is_played_and_logged_by_the_controllers_clock(bench: Make) -> 
     run, log = setup.play()
     assert (run.complete, run.status, run.driver, run.clock) == (True, "ok", "xarm", "xArm controller")
     assert run.controller["firmware"] == "2.5.0"
+    assert socket.getdefaulttimeout() is None  # the vendor's client sets one
     assert run.timing.rate_hz == pytest.approx(250.0, rel=0.02)
     assert log.time_s[0] > 999.0  # the box's own clock
     moving = np.isfinite(log.since_start_s)

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import contextlib
 import io
+import socket
 from dataclasses import replace
 from importlib import import_module
 from importlib.metadata import version
@@ -80,7 +81,7 @@ class XArmDriver:
     def connect(self) -> None:
         """Open both connections; nothing is sent that changes anything."""
         require_address(self._arm, self.address)
-        least = ".".join(map(str, LEAST_FIRMWARE))
+        least, before_s = ".".join(map(str, LEAST_FIRMWARE)), socket.getdefaulttimeout()
         try:
             with contextlib.redirect_stdout(io.StringIO()):  # the client prints what run.json says
                 client = import_module("xarm.wrapper").XArmAPI
@@ -97,6 +98,8 @@ class XArmDriver:
         except Exception as error:  # the client raises no other class
             fix = f"check address, cable and control box; its firmware must be {least} or later"
             raise self._unusable(str(error), fix) from None
+        finally:
+            socket.setdefaulttimeout(before_s)  # the client sets one for the whole process
         if self._api.version_number < LEAST_FIRMWARE:
             raise self._unusable(
                 f"its firmware {self._firmware()} reports no time", f"update it to {least} or later"
