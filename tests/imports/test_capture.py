@@ -144,6 +144,9 @@ def test_what_cannot_be_is_refused(tmp_path):
     with pytest.raises(StrandcastError, match="time does not rise") as refusal:
         capture(tmp_path, mapping_of(), ROWS + "20,0,0,0,0,0,0,0\n")
     assert refusal.value.line == 5
+    in_degrees = ROWS.replace("900,10", "900,25")
+    with pytest.raises(StrandcastError, match="SC-I008.*: deg: an angle of 25.0 rad"):
+        capture(tmp_path, mapping_of(angle_unit=None), in_degrees)
     with pytest.raises(StrandcastError, match="not PLACE:X,Y"):
         capture_mapping_of("hx,hy", ["mx,my"])
     with pytest.raises(StrandcastError, match="place_m"):

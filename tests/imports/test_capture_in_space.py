@@ -71,6 +71,8 @@ def test_angles_in_a_stated_order_are_the_same_orientation(tmp_path, named, orde
     turned["r1"] = np.where(np.arange(len(angles)) == 5, np.nan, turned["r1"])
     del data["hand"]["quaternion"]
     data["hand"] |= {"euler": ["r0", "r1", "r2"], "euler_order": order}
+    with pytest.raises(StrandcastError, match="SC-I008.*: r0: an angle of .* rad"):
+        imported(tmp_path, turned, data)
     imported(tmp_path, turned, data | {"angle_unit": "deg"})
     (end,) = ends_of(read_table(tmp_path / "out/hand.parquet", HAND))
     assert len(end.direction) == len(pose.direction) - 1  # in one row an angle is not known

@@ -14,7 +14,7 @@ from strandcast.errors import StrandcastError
 from strandcast.imports.capture_mapping import CaptureMapping, CaptureMarker, DrivenBody, at_rest, columns_of
 from strandcast.imports.capture_table import as_measured, read_capture, times_of, with_units
 from strandcast.imports.clock import supplied_clock
-from strandcast.imports.mapping import ANGLE_UNITS
+from strandcast.imports.mapping import ANGLE_UNITS, LARGEST_ANGLE_RAD
 from strandcast.imports.table import NumberTable
 from strandcast.imports.throw_in_space import Placement, ThrownBy, place_capture, placement_warnings
 from strandcast.imports.track_checks import FEWEST, LONG_GAP_S, check_directions, check_track, paths_of
@@ -28,6 +28,7 @@ BEYOND_REACH, FAR_OFF = 1.1, 10.0  # of the arm's reach: an origin elsewhere, an
 OFF_POINT_M = 0.002  # chosen: more shows in the fit
 OF_LENGTH_ONE = 0.02  # by which a quaternion's length may differ; chosen: files round to three digits
 FROM_TIP = 0.02  # of the length: the last marker of a throw in space is this near to the tip; chosen
+LARGEST_EULER_RAD = 2.0 * np.pi + 1e-3  # a whole turn, rounded: larger angles of a body are degrees
 SAME_M = 1e-6  # two markers nearer than this in all frames are one; chosen
 
 
@@ -292,7 +293,7 @@ def _hand_in_plane(table: NumberTable, mapping: CaptureMapping) -> tuple[dict[st
     if direction is not None:
         angle = np.arctan2(direction[:, 1], direction[:, 0])
     elif mapping.hand_angle is not None:
-        angle = mapping.angle_sign * table.column(mapping.hand_angle) * ANGLE_UNITS[mapping.angle_unit]
+        angle = mapping.angle_sign * _angles(table, mapping, [mapping.hand_angle], LARGEST_ANGLE_RAD)[:, 0]
     elif mapping.angle_offset_rad == 0.0:
         warnings.append(
             "no column gives the hand's angle, so the string always leaves the hand along x: "
@@ -302,6 +303,17 @@ def _hand_in_plane(table: NumberTable, mapping: CaptureMapping) -> tuple[dict[st
     angle[known] = np.unwrap(angle[known])
     x_m, y_m = place_m.T
     return {"x_m": x_m, "y_m": y_m, "angle_rad": angle + mapping.angle_offset_rad}, warnings
+
+
+def _angles(table: NumberTable, mapping: CaptureMapping, names: list[str], most_rad: float) -> np.ndarray:
+    """Return columns of angles (rows, k) [rad]; refuse what must be degrees where no unit is given."""
+    angles = table.columns(names) * ANGLE_UNITS[mapping.angle_unit]
+    beyond = np.abs(angles) > most_rad
+    if "angle_unit" not in mapping.model_fields_set and beyond.any():
+        row, k = np.argwhere(beyond)[0]
+        fix = 'give angle_unit = "deg" (or "rad") in a file for --columns'
+        raise table.refusal(row, names[k], f"an angle of {angles[row, k]:.1f} rad", fix, "SC-I008")
+    return angles
 
 
 def _end(table: NumberTable, mapping: CaptureMapping, body: DrivenBody, name: str) -> EndPath:
@@ -323,7 +335,7 @@ def _rotations(table: NumberTable, mapping: CaptureMapping, body: DrivenBody, na
         names = body.euler
         if len(names) == 1:
             names = [f"{names[0]}.r{axis}" for axis in body.euler_order.lower()]
-        angles = table.columns(names) * ANGLE_UNITS[mapping.angle_unit]
+        angles = _angles(table, mapping, names, LARGEST_EULER_RAD)
         return _measured(angles, partial(Rotation.from_euler, body.euler_order))
     names = body.quaternion or []
     if len(names) == 1 and f"{names[0]}.rx" in table.names and f"{names[0]}.qx" not in table.names:

@@ -15,7 +15,13 @@ from strandcast.imports.as_measured import as_measured
 from strandcast.imports.clock import clock_problem
 from strandcast.imports.coverage import coverage_warnings, refuse_partial_motion, timing_warnings
 from strandcast.imports.dialects import recognise
-from strandcast.imports.mapping import ANGLE_UNITS, TIME_UNITS, JointMapping, JointSource
+from strandcast.imports.mapping import (
+    ANGLE_UNITS,
+    LARGEST_ANGLE_RAD,
+    TIME_UNITS,
+    JointMapping,
+    JointSource,
+)
 from strandcast.imports.motion_start import CLEARLY_LESS, LARGEST_LEFT_RAD, motion_times, played_plan
 from strandcast.imports.ros_bags import Clock, is_bag, read_bag
 from strandcast.imports.table import NumberTable, read_numbers
@@ -25,7 +31,6 @@ from strandcast.records.kept_motions import take_motion
 from strandcast.records.motion import Motion
 from strandcast.records.record import refusal
 
-LARGEST_ANGLE_RAD = 20.0  # three turns: larger angles are degrees
 TURN_AS_DEGREES_RAD = np.radians(2.0 * np.pi)  # a whole turn in radians that is read as degrees
 DEGREES = re.compile(r"[_.\s(\[]deg(rees?)?([_.\s)\]/]|$)|°", re.IGNORECASE)  # in a column's name
 OUTPUTS = 53  # bits that a float holds exactly; UR has 18

@@ -13,6 +13,7 @@ from strandcast.imports.table import NumberTable
 
 TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 ANGLE_UNITS = {"rad": 1.0, "deg": 0.017453292519943295}
+LARGEST_ANGLE_RAD = 20.0  # three turns: larger angles are degrees
 LENGTH_UNITS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "in": 0.0254}
 
 TimeUnit = Literal["s", "ms", "us", "ns"]
