@@ -358,6 +358,22 @@ def test_the_command_names_what_the_file_has_and_takes_two_columns_in_a_plane(
     assert run.exit_code == 0, run.output
     track = read_track(folder / "trial-01/track.parquet", 8)
     np.testing.assert_allclose(track.points_m[0, 4], WORLD_M["middle"][0, ::2], atol=1e-6)
+    line = [
+        "import",
+        "track",
+        "swung",
+        "1",
+        "take.csv",
+        "--columns",
+        "columns.toml",
+        "--rate",
+        "60",
+        "--up",
+        "z",
+    ]
+    run = CliRunner().invoke(app, [*line, "--replace"])
+    assert run.exit_code == 2
+    assert "--up, --rate: write this into the file" in run.output
 
 
 def write_c3d(path, units=("mm",), screen="+Z", rate_hz=RATE_HZ):

@@ -98,7 +98,23 @@ def import_joints(
     show(as_json, {"experiment": experiment, "trial": number or REHEARSAL} | found, lines)
 
 
+def _refuse_beside_columns(context: typer.Context) -> None:
+    """Refuse options that belong into the file of --columns and would not count."""
+    beside = {"experiment", "trial", "captures", "offset", "columns", "replace", "as_json"}
+    sources = {
+        option.opts[0]: context.get_parameter_source(str(option.name))
+        for option in context.command.params
+        if option.name not in beside
+    }
+    given = [name for name, source in sources.items() if source is not None and source.name != "DEFAULT"]
+    if given:
+        raise typer.BadParameter(
+            f"{', '.join(given)}: write this into the file, which gives all of it", param_hint="--columns"
+        )
+
+
 def import_track(
+    context: typer.Context,
     experiment: ExperimentName,
     trial: TrialNumber,
     captures: Annotated[
@@ -193,6 +209,7 @@ def import_track(
             f"{captures[0].name} has {there}"
         )
     if columns is not None:
+        _refuse_beside_columns(context)
         mapping = load_mapping(columns, CaptureMapping)
     else:
         mapping = capture_mapping_of(
