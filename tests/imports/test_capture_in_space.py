@@ -51,6 +51,13 @@ def test_millimetres_with_y_up_become_metres_with_z_up(tmp_path, named, name):
     assert 10.0 < turned < 60.0
 
 
+def test_a_marker_may_be_where_the_string_begins(tmp_path, named):
+    data = captures.mapping_data()
+    first = {"place_m": 0.0, "position": ["hand"]}
+    summary = imported(tmp_path, named, data | {"markers": [first, *data["markers"]]})
+    np.testing.assert_allclose(summary.places_m(), [0.0, 0.0, *captures.PLACES_M])
+
+
 def test_two_points_give_the_direction_and_leave_the_roll_open(tmp_path, named):
     imported(tmp_path, named, captures.mapping_data())
     (pose,) = ends_of(read_table(tmp_path / "out/hand.parquet", HAND))

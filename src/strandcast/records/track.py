@@ -148,7 +148,7 @@ class TrackSummary(Record):
         """Return the distance of each point from the clamp (n+1,), a marker's own where it was imported."""
         even_m = np.linspace(0.0, self.length_m, self.points + 1)
         own = [self.choices.get(f"point_{k}_place_m") for k in range(self.points + 1)]
-        return np.array([float(own_m) if own_m else m for own_m, m in zip(own, even_m, strict=True)])
+        return np.array([float(m if own_m is None else own_m) for own_m, m in zip(own, even_m, strict=True)])
 
 
 @dataclass(eq=False)
