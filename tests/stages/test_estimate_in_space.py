@@ -26,10 +26,13 @@ from strandcast.records.estimate import (
 )
 from strandcast.records.summary import ExperimentSummary
 from strandcast.records.tables import read_facts, read_table
-from strandcast.records.track import TRACK
-from strandcast.stages import import_track
+from strandcast.records.track import TRACK, TrackSummary
+from strandcast.stages import declarations, import_track
+from strandcast.stages.context import context_of
+from strandcast.stages.job import Files, Job
 from strandcast.stages.predict import predict
 from strandcast.stages.run import run_stage
+from strandcast.stages.trials_in_space import read_trial_in_space
 from strandcast.workflow.check import check_experiment
 from strandcast.workflow.runner import table
 
@@ -128,6 +131,23 @@ def test_check_says_what_a_capture_in_space_is_and_refuses_what_only_films_have(
     settings.write_text(settings.read_text().replace("evaluations: 120", "camera_offset_sd_m: 0.01"))
     (problem,) = check_experiment(root, "cable").errors
     assert (problem.code, problem.field) == ("SC-E008", "estimate.camera_offset_sd_m")
+
+
+def test_places_in_metres_stay_where_the_strings_length_is_corrected(captured, tmp_path):
+    root = Path(shutil.copytree(captured, tmp_path / "project", symlinks=True))
+
+    def places(length_m: float) -> np.ndarray:
+        (root / "data/cable/experiment.yaml").write_text(YAML.format(length=length_m))
+        files = Files(declarations.STAGES["estimate"], Job(context_of(root, "cable"), 1))
+        return next(iter(read_trial_in_space(files, 1).series.values())).places
+
+    np.testing.assert_allclose(places(1.0), captures.PLACES_M)
+    with pytest.raises(StrandcastError, match="SC-I013.*a marker at 0.8 m lies beyond the string's 0.75 m"):
+        places(0.75)
+    file = result(root, 1, "track.json")
+    # The points of two cameras are even along the string.
+    TrackSummary.read(file).model_copy(update={"choices": {}}).write(file)
+    np.testing.assert_allclose(places(1.0), [0.25, 0.5, 0.75, 1.0])
 
 
 EVERY = """\

@@ -22,7 +22,7 @@ from strandcast.records.alignment import HAND, Alignment, EndPath, end_columns
 from strandcast.records.files import sha256_file
 from strandcast.records.record import refusal
 from strandcast.records.tables import write_table
-from strandcast.records.track import SUPPLIED, TRACK, Track, TrackSummary
+from strandcast.records.track import LONGEST_PLACE, SUPPLIED, TRACK, Track, TrackSummary
 
 BEYOND_REACH, FAR_OFF = 1.1, 10.0  # of the arm's reach: an origin elsewhere, and a wrong unit
 OFF_POINT_M = 0.002  # chosen: more shows in the fit
@@ -166,7 +166,7 @@ def _points_of(
 ) -> tuple[list[int], list[str]]:
     """Return the track's point of each marker, and a warning where one lies between mass points."""
     places_m, length_m, points = [marker.place_m for marker in markers], known.length_m, known.points
-    if places_m[-1] > length_m * 1.001:
+    if places_m[-1] > LONGEST_PLACE * length_m:
         fix = (
             "give places in metres along the string, from where it leaves the clamp or the body; or correct "
             "string.length_m in experiment.yaml"

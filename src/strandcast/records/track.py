@@ -43,6 +43,7 @@ MARKERS = TableSpec(
 )
 
 AXES = ("x_m", "y_m", "z_m")
+LONGEST_PLACE = 1.001  # of a marker, over the string's length: places are rounded; chosen
 
 
 def is_in_space(columns: Iterable[str]) -> bool:
@@ -144,9 +145,12 @@ class TrackSummary(Record):
     contact: Contact | None = None
     led: DetectedLed | None = None
 
-    def places_m(self) -> np.ndarray:
-        """Return the distance of each point from the clamp (n+1,), a marker's own where it was imported."""
-        even_m = np.linspace(0.0, self.length_m, self.points + 1)
+    def places_m(self, length_m: float | None = None) -> np.ndarray:
+        """Return the distance of each point from the clamp (n+1,), a marker's own where it was imported.
+
+        Other points are even along the string, of `length_m` where that was corrected since.
+        """
+        even_m = np.linspace(0.0, length_m or self.length_m, self.points + 1)
         own = [self.choices.get(f"point_{k}_place_m") for k in range(self.points + 1)]
         return np.array([float(m if own_m is None else own_m) for own_m, m in zip(own, even_m, strict=True)])
 

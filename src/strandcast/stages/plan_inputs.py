@@ -142,7 +142,8 @@ def past_trial_of(trial: Trial, task: PlanningTask) -> PastTrial:
     if not task.in_space:
         return past
     # The track has markers, wherever they are on the string.
-    places = trial.summary.places_m() / trial.summary.length_m
+    length_m = task.model.length_m
+    places = trial.summary.places_m(length_m) / length_m
     hand_m = task.arm.hand_m(past.q_rad[0])
     return replace(past, start_m=shape_through(hand_m, past.start_m, places, task.model.points))
 
