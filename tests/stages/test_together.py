@@ -2,6 +2,7 @@
 
 import json
 import shutil
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -11,6 +12,10 @@ from scipy.interpolate import CubicSpline
 from tests.forked import run_module
 
 import strandcast
+from strandcast.config.estimate import EstimateSettings
+from strandcast.estimation.cable_space import space_of_cable
+from strandcast.estimation.throws import TrialParts
+from strandcast.estimation.together import Member, _joint
 from strandcast.imports.capture_mapping import CaptureMapping
 from strandcast.imports.mapping import check_mapping
 from strandcast.records.estimate import Estimate, WeightFit
@@ -125,6 +130,19 @@ def test_strings_of_unlike_lengths_share_nothing(captured):
         file.write_text(text)
     assert refused.returncode
     assert "bare: its string is not that of loaded" in refused.stderr
+
+
+def test_a_shared_unknown_is_the_same_number_where_ranges_differ():
+    model, space = space_of_cable(LENGTH_M, two_ends=False)
+    other, nothing = replace(space, bounds=0.5 * space.bounds), TrialParts((), np.zeros(0, int), 1, ())
+    members = {"one": Member(nothing, space), "other": Member(nothing, other)}
+    joint = _joint(members, model, EstimateSettings())
+    chi = np.full((1, len(joint.space.names)), 0.3)
+    one, two = (box.values(chi[:, rows])[0] for box, rows in zip(joint.boxes, joint.rows, strict=True))
+    shared = joint.rows[0] == joint.rows[1]
+    assert shared.any()
+    np.testing.assert_array_equal(one[shared], two[shared])
+    np.testing.assert_array_equal(0.5 * one[~shared], two[~shared])
 
 
 @pytest.mark.parametrize(

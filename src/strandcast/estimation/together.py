@@ -118,7 +118,10 @@ def _joint(members: Mapping[str, Member], model: StringModel, settings: Estimate
         np.concatenate(shares),
         settings.evaluation,
         overstretched_allowed=not first.in_plane,
-        boxes=tuple(member.space for member in members.values()),
+        boxes=tuple(
+            replace(member.space, bounds=bounds[own], prior_sd=prior_sd[own])
+            for member, own in zip(members.values(), rows, strict=True)
+        ),
         rows=tuple(rows),
         owner=np.array(owner),
     )
