@@ -294,6 +294,17 @@ def test_trials_that_are_driven_differently_are_refused(captured, tmp_path, proj
         run_stage("estimate", root, "cable", 2)
 
 
+def test_markers_at_driven_ends_alone_are_refused(tmp_path, project_root):
+    root = project(tmp_path, project_root, captures.LENGTH_M)
+    data = captures.mapping_data(two_ends=True)
+    mapping = check_mapping(data | {"markers": data["markers"][-1:]}, CaptureMapping)
+    named = captures.columns(0.2, seconds=0.6, two_ends=True)
+    import_track.run(root, "cable", 1, captures.write_csv(root / "c.csv", named), mapping)
+    run_stage("register_track", root, "cable", 1)
+    with pytest.raises(StrandcastError, match="SC-T004.*no marker between the driven ends is seen"):
+        run_stage("estimate", root, "cable", 1)
+
+
 @pytest.mark.thorough
 def test_a_real_cable_is_predicted(real_data, tmp_path, project_root):
     """Two sequences of a cable between two robots, each end given by two points, y up in millimetres."""

@@ -110,12 +110,27 @@ def what_is_fitted(files: Files) -> tuple[list[Any], Fitted]:
 def _in_space(files: Files, trials: list[TrialInSpace]) -> Fitted:
     model, space = cable_of_trials(files, trials)
     parts = parts_in_space(files, trials, model.points)
+    _refuse_unseen(files, trials, next(iter(parts.values())))
     context = files.job.context
     settings = spatial_settings(context)
     thrown = context.settings.aims_in_space
     _, tried = forces_of(settings.forces, in_plane=False, thrown=thrown)
     known = {"references": True, "tried": tried, "searches": 1 if thrown else CAPTURE_SEARCHES}
     return parts, model, space, settings, known
+
+
+def _refuse_unseen(files: Files, trials: list[TrialInSpace], parts: TrialParts) -> None:
+    """Refuse trials, or parts of them, in which no marker enters E."""
+    whole = enumerate(parts.whole, parts.trials - len(parts.whole))
+    for row, throw in [*whole, *zip(parts.trial, parts.throws, strict=True)]:
+        if not throw.weight.any():
+            span = f"from {throw.time_s[0]:.2f} to {throw.time_s[-1]:.2f} s"
+            raise StrandcastError(
+                "SC-T004",
+                f"no marker between the driven ends is seen without a jump {span}",
+                file=files.input("track", trials[row].number),
+                fix="import it with a marker on the free string; check --time-unit and the places",
+            )
 
 
 def _in_plane(files: Files, trials: list[Trial]) -> Fitted:
