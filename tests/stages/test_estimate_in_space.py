@@ -208,13 +208,16 @@ def test_a_trial_that_is_held_out_is_never_fitted(captured, tmp_path):
     assert 0.0 < found.points_m < 5e-3
 
 
-def test_an_estimate_of_a_string_held_elsewhere_predicts_nothing(captured, tmp_path):
+def test_an_estimate_of_a_string_held_elsewhere_or_of_another_length_predicts_nothing(captured, tmp_path):
     file = result(captured, 1, "estimate.json")
     estimate = Estimate.read(file)
     kept = [fit for fit in estimate.parameters if not fit.name.startswith("far_")]
     shutil.copy(file.with_name("ensemble.parquet"), tmp_path)
     estimate.model_copy(update={"parameters": kept}).write(tmp_path / "estimate.json")
     with pytest.raises(StrandcastError, match="driven at other ends"):
+        predict(captured, "cable", 2, tmp_path / "estimate.json", tmp_path)
+    estimate.model_copy(update={"length_m": 0.83}).write(tmp_path / "estimate.json")
+    with pytest.raises(StrandcastError, match="of a string of 0.83 m, and not of 0.8 m"):
         predict(captured, "cable", 2, tmp_path / "estimate.json", tmp_path)
 
 

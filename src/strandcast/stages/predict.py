@@ -15,6 +15,7 @@ from strandcast.estimation.evaluation import distances, evaluation_of_points, po
 from strandcast.estimation.fit_objective import simulate_throw
 from strandcast.estimation.measured import parts_of_throws
 from strandcast.estimation.throws import PreparedThrow
+from strandcast.imports.track_checks import LENGTH_ERROR
 from strandcast.records.content_hash import result_sha256
 from strandcast.records.estimate import ENSEMBLE, SIMULATED, Estimate
 from strandcast.records.tables import read_arrow, read_facts, write_table
@@ -27,7 +28,7 @@ from strandcast.stages.files import supplied
 from strandcast.stages.job import Files, Job
 from strandcast.stages.past_trials import read_trial, string_model
 from strandcast.stages.run import run_stage
-from strandcast.stages.trials_in_space import read_trial_in_space
+from strandcast.stages.trials_in_space import length_in_space_m, read_trial_in_space
 
 
 @dataclass(frozen=True)
@@ -105,6 +106,10 @@ def _in_space(files: Files, estimate: Estimate, estimate_file: Path) -> Read:
     pinned, far_clamp = "clamp" not in held, "two clamps" in held
     if pinned != series.pinned or far_clamp != (series.two_ends() and not pinned):
         raise _other_string(files, "the estimate is of a string that is driven at other ends")
+    length_m = length_in_space_m(files.job.context)
+    if abs(estimate.length_m / length_m - 1.0) > LENGTH_ERROR:
+        fitted = f"the estimate is of a string of {estimate.length_m:g} m"
+        raise _other_string(files, f"{fitted}, and not of {length_m:g} m")
     model = StringModel(estimate.length_m, estimate.points, reading="strain", dt_s=estimate.dt_s)
     throw = series.prepared(0, len(series.time_s), model.points)
     return model, throw, trial.track, np.zeros(model.points, dtype=bool)

@@ -17,7 +17,7 @@ from strandcast.records.record import refusal
 from strandcast.records.tables import read_table
 from strandcast.records.track import LONGEST_PLACE, Track, TrackSummary, read_track
 from strandcast.stages.arms import arm_of
-from strandcast.stages.context import free_length_m
+from strandcast.stages.context import Context, free_length_m
 from strandcast.stages.job import Files
 from strandcast.stages.past_trials import cable_of, read_trial, spatial_settings, thrown_cable, until_s
 
@@ -95,8 +95,7 @@ def _read_throw(files: Files, number: int) -> TrialInSpace:
     used = time_s >= max(trial.alignment.motion_start_s - FITTED_BEFORE_S, known_s[0])
     used &= time_s <= min(last_s, known_s[-1])
     pose = np.column_stack([np.interp(time_s[used], known_s, column) for column in trial.hand_pose.T])
-    length_m = free_length_m(files.job.context, arm_of(files.job.context).clamp.clamped_length_m)
-    places = _places(files, number, trial.summary, length_m)
+    places = _places(files, number, trial.summary)
     points_m = trial.track.detected_m()[used, 1:]
     series = CableSeries(time_s[used], pose, points_m, places, fastest_m_s=FASTEST_M_S)
     return TrialInSpace(number, trial.track.rows(used), {"measured": series})
@@ -129,12 +128,19 @@ def _read_capture(files: Files, number: int) -> TrialInSpace:
         )
     inside = (time_s >= known_s[0]) & (time_s <= known_s[-1])
     points_m = np.where(inside[:, None, None], track.detected_m()[:, 1:], np.nan)
-    places = _places(files, number, summary, files.job.context.settings.string.length_m)
+    places = _places(files, number, summary)
     return TrialInSpace(number, track, series_between(time_s, ends, points_m, places))
 
 
-def _places(files: Files, number: int, summary: TrackSummary, length_m: float) -> np.ndarray:
-    """Return where the track's points are (m,) along a string of today's length, 0 to 1."""
+def length_in_space_m(context: Context) -> float:
+    """Return the present length of the free string [m]."""
+    thrown = context.settings.aims_in_space
+    return free_length_m(context, arm_of(context).clamp.clamped_length_m if thrown else 0.0)
+
+
+def _places(files: Files, number: int, summary: TrackSummary) -> np.ndarray:
+    """Return where the track's points are (m,) along the present string, 0 to 1."""
+    length_m = length_in_space_m(files.job.context)
     places_m = summary.places_m(length_m)[1:]
     if places_m.max() > LONGEST_PLACE * length_m:
         what = f"a marker at {places_m.max():g} m lies beyond the string's {length_m:g} m"
