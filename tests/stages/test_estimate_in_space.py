@@ -32,6 +32,7 @@ from strandcast.stages.context import context_of
 from strandcast.stages.job import Files, Job
 from strandcast.stages.predict import predict
 from strandcast.stages.run import run_stage
+from strandcast.stages.together import together
 from strandcast.stages.trials_in_space import read_trial_in_space
 from strandcast.workflow.check import check_experiment
 from strandcast.workflow.runner import table
@@ -306,6 +307,27 @@ def test_markers_at_driven_ends_alone_are_refused(tmp_path, project_root):
     run_stage("register_track", root, "cable", 1)
     with pytest.raises(StrandcastError, match="SC-T004.*no marker between the driven ends is seen"):
         run_stage("estimate", root, "cable", 1)
+
+
+def test_ends_with_an_orientation_and_without_do_not_mix(captured, tmp_path):
+    root = Path(shutil.copytree(captured, tmp_path / "project", symlinks=True))
+    for kind in ("data", "results"):
+        shutil.copytree(root / kind / "cable", root / kind / "other")
+    mapping = check_mapping(captures.mapping_data(pose=False, two_ends=True), CaptureMapping)
+
+    def without(name: str, trial: int) -> None:
+        import_track.run(root, name, trial, root / f"{trial}.csv", mapping, replace=True)
+        run_stage("register_track", root, name, trial)
+
+    for trial in (1, 2):
+        without("other", trial)
+    with pytest.raises(StrandcastError, match="SC-E009.*other: its ends, or those of cable"):
+        together(root, ["cable", "other"])
+    without("cable", 2)
+    with pytest.raises(StrandcastError, match="SC-E009.*trials 1 and 2 have other driven ends"):
+        run_stage("estimate", root, "cable", 2)
+    with pytest.raises(StrandcastError, match=r"SC-E009.*cannot turn as those of the estimate do \(measured"):
+        predict(root, "cable", 2, result(root, 1, "estimate.json"), tmp_path)
 
 
 @pytest.mark.thorough

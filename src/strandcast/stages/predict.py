@@ -100,7 +100,9 @@ def _in_space(files: Files, estimate: Estimate, estimate_file: Path) -> Read:
     """Return the model, a trial in space, its track, and no stiff joints (n,)."""
     trial = read_trial_in_space(files, files.job.trial)
     roll = str(read_facts(estimate_file.with_name("ensemble.parquet"), ENSEMBLE)["roll"])
-    series = trial.series.get(roll) or next(iter(trial.series.values()))
+    if roll not in trial.series:
+        raise _other_string(files, f"the driven ends cannot turn as those of the estimate do ({roll})")
+    series = trial.series[roll]
     unknowns = {fit.name for fit in estimate.parameters}
     held = {how.needs for how in CableSpace.ways().values() if how.name in unknowns}
     pinned, far_clamp = "clamp" not in held, "two clamps" in held

@@ -26,11 +26,14 @@ def together(root: Path, experiments: Sequence[str]) -> dict[str, Any]:
     contexts = [context_of(root, name) for name in experiments]
     fitted = [_fitted(context) for context in contexts]
     (parts, model, space, settings, _), *others = fitted
-    for context, (_, other, box, _, _) in zip(contexts[1:], others, strict=True):
+    for context, (rolls, other, box, _, _) in zip(contexts[1:], others, strict=True):
         if (other.length_m, other.points, box.in_plane) != (model.length_m, model.points, space.in_plane):
             raise _refused(
                 context, f"its string is not that of {experiments[0]}", "give strings of one length"
             )
+        if not parts.keys() & rolls.keys():
+            what = f"its ends, or those of {experiments[0]}, have an orientation and the others none"
+            raise _refused(context, what, "name the ends alike: all with an orientation, or all with behind")
     found: list[JointFit] = []
     for roll in [roll for roll in parts if all(roll in each[0] for each in others)]:
         members = [Member(each[0][roll], each[2]) for each in fitted]

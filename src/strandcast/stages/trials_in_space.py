@@ -34,10 +34,10 @@ class TrialInSpace:
     track: Track
     series: dict[str, CableSeries]
 
-    def kind(self) -> tuple[int, bool]:
-        """Return columns of the driven ends, and whether they are points."""
+    def kind(self) -> tuple[int, bool, bool]:
+        """Return columns of the driven ends, and whether they are points, and their roll is measured."""
         series = next(iter(self.series.values()))
-        return series.pose.shape[1], series.pinned
+        return series.pose.shape[1], series.pinned, "measured" in self.series
 
 
 def parts_in_space(files: Files, trials: list[TrialInSpace], points: int) -> dict[str, TrialParts]:
@@ -69,14 +69,15 @@ def cable_of_trials(files: Files, trials: list[TrialInSpace]) -> tuple[StringMod
     context = files.job.context
     if context.settings.aims_in_space:
         return thrown_cable(context, arm_of(context))
-    string, (columns, pinned) = context.settings.string, trials[-1].kind()
+    string, (columns, pinned, _) = context.settings.string, trials[-1].kind()
     for trial in trials:
-        if trial.kind() != (columns, pinned):
+        if trial.kind() != trials[-1].kind():
             raise StrandcastError(
                 "SC-E009",
                 f"trials {trial.number} and {trials[-1].number} have other driven ends",
                 file=files.input("hand", trial.number),
-                fix="make an experiment for each way in which the string was driven",
+                fix="name the ends alike, all with an orientation or all with behind; or make an experiment "
+                "for each way in which the string was driven",
             )
     return cable_of(context, string.length_m, columns > POSE, string.points or POINTS, pinned=pinned)
 
