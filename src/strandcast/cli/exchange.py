@@ -131,7 +131,8 @@ def import_track(
         str | None,
         typer.Option(
             help="Columns of the hand: X,Y or X,Y,ANGLE, x,y,angle by default; in space X,Y,Z, or NAME; or "
-            "its place, if it rests: 0.0,0.0,1.2. Of an arm's throw in space: any place on the hand.",
+            "its place, if it rests, in the file's axes and unit: 0.0,0.0,1.2. Of an arm's throw in space: "
+            "any place on the hand.",
             autocompletion=complete_point,
         ),
     ] = None,
