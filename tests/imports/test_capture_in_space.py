@@ -343,6 +343,9 @@ def test_a_rate_is_compared_with_the_column_of_the_time_and_held_rows_are_left_o
     data = captures.mapping_data()
     with pytest.raises(StrandcastError, match="SC-I028.*is 60, the file's column t has 50 rows per second"):
         imported(tmp_path, named, data | {"time": None, "rate_hz": 60.0})
+    gap = {name: np.delete(column, slice(10, 15)) for name, column in named.items()}
+    with pytest.raises(StrandcastError, match="SC-I028.*is 50, .* has 41.38 rows per second with its gaps"):
+        imported(tmp_path, gap, data | {"time": None, "rate_hz": 50.0})
     time_s = np.arange(4 * len(named["t"])) * 0.005
     held = {name: np.repeat(column, 4) for name, column in named.items()} | {"t": time_s}
     assert any("the markers change 50 times" in each for each in imported(tmp_path, held, data).warnings)

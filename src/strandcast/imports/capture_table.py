@@ -152,13 +152,19 @@ def _frames(table: NumberTable) -> str | None:
 
 
 def _refuse_another_clock(table: NumberTable, mapping: CaptureMapping, rate_hz: float) -> None:
-    """Refuse a rate beside a rising column t that has another."""
+    """Refuse a rate beside a rising column t that has another, or gaps that no number of the rows shows."""
     if table.rate_hz is not None or DEFAULT_TIME not in table.names:
         return
     time_s = table.times(DEFAULT_TIME, TIME_UNITS[mapping.time_unit])
-    if (np.diff(time_s) > 0).all() and abs(_rate_hz(time_s) / rate_hz - 1.0) > CLOCKS_DIFFER:
-        what = f"is {rate_hz:g}, the file's column {DEFAULT_TIME} has {_rate_hz(time_s):.4g} rows per second"
-        raise refusal("SC-I028", table.path, "rate_hz", what, "leave --rate out, or give --time-unit")
+    if not (np.diff(time_s) > 0).all():
+        return
+    rates_hz = {"": _rate_hz(time_s)}
+    if _frames(table) is None:
+        rates_hz[" with its gaps"] = (len(time_s) - 1) / float(time_s[-1] - time_s[0])
+    for words, own_hz in rates_hz.items():
+        if abs(own_hz / rate_hz - 1.0) > CLOCKS_DIFFER:
+            what = f"is {rate_hz:g}, the file's column {DEFAULT_TIME} has {own_hz:.4g} rows per second{words}"
+            raise refusal("SC-I028", table.path, "rate_hz", what, "leave --rate out, or give --time-unit")
 
 
 def _rate_hz(time_s: np.ndarray) -> float:
