@@ -178,7 +178,7 @@ def test_vertices_that_jump_or_are_not_seen_do_not_count():
     vertices = clean.vertices_m.copy()
     vertices[40, 5] += 0.3
     vertices[60:70, 3] = np.nan
-    reliable = CableSeries(TIME_S, clean.pose, vertices, PLACES).reliable()
+    reliable = CableSeries(TIME_S, clean.pose, vertices, PLACES).reliable
     expected = np.ones_like(reliable)
     expected[39:42, 5] = False
     expected[60:70, 3] = False
@@ -202,10 +202,10 @@ def test_a_marker_of_a_fast_string_does_not_jump():
     speed_m_s = np.interp(TIME_S, [0.2, 0.3, 0.6, 0.7], [0.0, 9.0, 9.0, 0.0])
     path = np.cumsum(0.01 * speed_m_s)[:, None, None] * np.ones(3) / np.sqrt(3.0)
     still = clamp_poses(np.zeros_like(path[:, 0]), np.ones_like(path[:, 0]))
-    assert CableSeries(TIME_S, still, path, np.ones(1)).reliable().all()
+    assert CableSeries(TIME_S, still, path, np.ones(1)).reliable.all()
     path[50] += 0.1
     np.testing.assert_array_equal(
-        np.flatnonzero(~CableSeries(TIME_S, still, path, np.ones(1)).reliable()), [49, 50, 51]
+        np.flatnonzero(~CableSeries(TIME_S, still, path, np.ones(1)).reliable), [49, 50, 51]
     )
 
 

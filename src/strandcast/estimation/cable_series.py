@@ -156,12 +156,9 @@ class CableSeries:
         kept = slice(first, last)
         return replace(self, time_s=self.time_s[kept], pose=self.pose[kept], vertices_m=self.vertices_m[kept])
 
+    @cached_property
     def reliable(self) -> np.ndarray:
         """(F, m) whether a marker is seen, and did not jump on its way there or from there."""
-        return self._reliable
-
-    @cached_property
-    def _reliable(self) -> np.ndarray:
         seen = ~np.isnan(self.vertices_m[..., 0])
         calm = ~jumps(self.time_s, self.vertices_m, self.fastest_m_s)
         return np.asarray(seen & np.vstack([calm[:1], calm[1:] & calm[:-1], calm[-1:]]))
@@ -169,14 +166,14 @@ class CableSeries:
     def motion_m(self, frames: int) -> Array:
         """Return how far the markers move in each part of so many frames, summed over those seen (W,) [m]."""
         lag = min(max(round(MOTION_S / float(np.median(np.diff(self.time_s)))), 1), frames - 1)
-        seen = self.reliable()[lag:] & self.reliable()[:-lag]
+        seen = self.reliable[lag:] & self.reliable[:-lag]
         step_m = np.linalg.norm(self.vertices_m[lag:] - self.vertices_m[:-lag], axis=2) / lag
         moved_m = np.r_[0.0, np.cumsum(np.where(seen, step_m, 0.0).sum(axis=1))]
         return np.asarray(moved_m[frames - lag :] - moved_m[: len(moved_m) - frames + lag])
 
     def shape_is_seen(self) -> bool:
         """Whether the markers of a usual frame and the driven ends show the string's shape."""
-        seen = (self.reliable() & self._between_the_ends()).sum(axis=1)
+        seen = (self.reliable & self._between_the_ends()).sum(axis=1)
         return bool(np.median(seen) + 1 + self.two_ends() >= FEWEST)
 
     def prepared(self, first: int, last: int, points: int, start_shape: str = "observed") -> PreparedThrow:
@@ -188,7 +185,7 @@ class CableSeries:
         hangs = start_shape == "hanging" and first == 0
         kept = slice(first, last)
         hand_m = self.pose[kept, None, :3]
-        weight = self.reliable()[kept] & self._between_the_ends()
+        weight = self.reliable[kept] & self._between_the_ends()
         return PreparedThrow(
             np.arange(first, last),
             self.time_s[kept],
@@ -212,10 +209,10 @@ class CableSeries:
         rest shape is sought.
         """
         near = self._around(frame)
-        markers = self._between_the_ends() & self.reliable()[near].any(axis=0)
+        markers = self._between_the_ends() & self.reliable[near].any(axis=0)
         known = [value_and_slope(self.time_s[near] - self.time_s[frame], self.pose[near, :3])]
         for k in np.flatnonzero(markers):
-            rows = near[self.reliable()[near, k]]
+            rows = near[self.reliable[near, k]]
             known.append(value_and_slope(self.time_s[rows] - self.time_s[frame], self.vertices_m[rows, k]))
         if self.two_ends():
             far = slice(POSE, POSE + 3)
@@ -260,7 +257,7 @@ class CableSeries:
         """Return the standard deviation of a marker's coordinate beside parabolas in time in some frames."""
         squares, free = 0.0, 0
         for k in np.flatnonzero(self._between_the_ends()):
-            seen = rows[self.reliable()[rows, k]]
+            seen = rows[self.reliable[rows, k]]
             if len(seen) > FEWEST_FRAMES:
                 powers = np.vander(self.time_s[seen] - self.time_s[seen].mean(), 3)
                 _, beside, *_ = np.linalg.lstsq(powers, self.vertices_m[seen, k], rcond=None)

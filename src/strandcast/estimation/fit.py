@@ -33,9 +33,8 @@ class StringFit:
     ----------
     space, chi
         The unknowns and the best exponents (d,).
-    best, members, member_unknowns, member_values_m
-        The best string (a batch of one), the ensemble (K, the best first), the members' unknowns (K, d), and
-        their E on all throws.
+    best, members, member_values_m
+        The best string (a batch of one), the ensemble (K, the best first), and their E on all throws.
     at_bound, low, high
         (d,) which unknowns ended at a bound; (d,) their range over the ensemble, as values.
     frames, time_s, frames_used, window_s
@@ -82,7 +81,6 @@ class StringFit:
     chi: Array
     best: StringBatch
     members: StringBatch
-    member_unknowns: Array
     member_values_m: Array
     at_bound: np.ndarray
     low: Array
@@ -162,7 +160,6 @@ def fit_of(
         chi=chi[rows[0]],
         best=best,
         members=space.strings(chi[rows]),
-        member_unknowns=members,
         member_values_m=values[rows],
         at_bound=at_bound,
         low=members.min(axis=0),

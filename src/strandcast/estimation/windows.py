@@ -82,7 +82,7 @@ def parts_to_fit(series: Sequence[CableSeries]) -> list[tuple[int, int, int]]:
         each = series[row]
         frames = _frames(each, WINDOW_S)
         first = _at_share(each.motion_m(frames), _GOLDEN * k % 1.0)
-        seen = each.reliable()[first : first + frames].sum(axis=1)
+        seen = each.reliable[first : first + frames].sum(axis=1)
         first += int(np.argmax(seen)) if len(each.time_s) > frames else 0
         parts.append((row, first, min(first + frames, len(each.time_s))))
     return list(dict.fromkeys(parts))

@@ -11,6 +11,7 @@ from strandcast.estimation.cable_series import CableSeries, DrivenEnd, series_be
 from strandcast.estimation.cable_space import POINTS, CableSpace
 from strandcast.estimation.throws import TrialParts
 from strandcast.estimation.windows import parts_by_roll
+from strandcast.imports.track_checks import DrivenPath
 from strandcast.records.alignment import HAND, Alignment, ends_of
 from strandcast.records.estimate import FittedPart
 from strandcast.records.record import refusal
@@ -109,17 +110,7 @@ def _read_capture(files: Files, number: int) -> TrialInSpace:
     hand = read_table(files.input("hand", number), HAND)
     time_s = Alignment.read(files.input("alignment", number)).robot_time_s(track.camera_time_s)
     known_s = hand["robot_time_s"]
-
-    def at_frames(path: np.ndarray | None) -> np.ndarray | None:
-        if path is None:
-            return None
-        return np.column_stack([np.interp(time_s, known_s, column) for column in path.T])
-
-    ends = []
-    for end in ends_of(hand):
-        place_m = at_frames(end.place_m)
-        assert place_m is not None
-        ends.append(DrivenEnd(place_m, at_frames(end.direction), at_frames(end.normal)))
+    ends = [DrivenEnd(*end) for end in DrivenPath(known_s, ends_of(hand)).at(time_s).ends]
     if not ends or track.points_m.shape[2] != 3:
         raise StrandcastError(
             "SC-E009",
