@@ -117,7 +117,7 @@ def import_capture(
     if mapping.in_space:
         choices |= {name: getattr(mapping, name) for name in ("up", "handedness", "length_unit")}
     choices |= {f"point_{k}_place_m": marker.place_m for k, marker in zip(index, markers, strict=True)}
-    summary = _summary(track, known, index)
+    summary = supplied_summary(track, known, index)
     summary = summary.model_copy(update={"choices": choices, "warnings": warnings})
     summary.warnings += check_track(track, paths_of(hand, table.path), alignment, summary, table.path)
     summary.warnings += check_directions(track, ends, summary, table.path)
@@ -141,7 +141,7 @@ def write_capture(
     summary.write(folder / "track.json")
 
 
-def _summary(track: Track, known: CapturedTrial, index: list[int]) -> TrackSummary:
+def supplied_summary(track: Track, known: CapturedTrial, index: list[int]) -> TrackSummary:
     """Return the summary of a track that has markers at these points, without choices."""
     detected = np.isfinite(track.points_m).all(axis=2)
     return TrackSummary(
@@ -157,6 +157,7 @@ def _summary(track: Track, known: CapturedTrial, index: list[int]) -> TrackSumma
         marker_fraction=float(detected[:, 0].mean()),
         median_sigma_m=float(track.sigma_m[0, 0]),
         choices={},
+        cameras=[],
         warnings=[],
     )
 

@@ -8,7 +8,7 @@ import numpy as np
 from strandcast.camera.mapping import pixel_to_metre
 from strandcast.camera.stereo import stereo_pose
 from strandcast.errors import StrandcastError
-from strandcast.imports.capture import write_capture
+from strandcast.imports.capture import CapturedTrial, supplied_summary, write_capture
 from strandcast.imports.clock import supplied_clock
 from strandcast.imports.track_checks import check_track, paths_of
 from strandcast.reconstruction.views import SpaceReconstruction, StringView, reconstruct_in_space
@@ -76,11 +76,14 @@ def run(
             warnings += doubts
     found = reconstruct_in_space(seen, length_m)
     track = _z_up(found)
-    summary = _summary(name, trial, length_m, found, track)
+    points = track.points_m.shape[1] - 1
+    summary = supplied_summary(track, CapturedTrial(name, trial, length_m, points), [*range(1, points + 1)])
+    summary.median_sigma_m = float(np.nanmedian(track.sigma_m[:, 1:]))
+    summary.choices = {"file": OBSERVATIONS, "ends_px": found.ends_px, "ends_sigma": found.ends_sigma}
     for each, number in of_views:
         observations = each.folder.trial(number).results / OBSERVATIONS
         summary.choices[f"{each.name} trial {number}"] = sha256_file(observations)
-    summary.warnings += warnings
+    summary.warnings = [*found.warnings, *warnings]
     # Both cameras see the same end; what only one of them doubts, as a plane, two of them measure.
     summary.tip_sigma_m = min(tip_sigma_m)
     hand_m = track.points_m[:, 0]
@@ -184,26 +187,4 @@ def _z_up(found: SpaceReconstruction) -> Track:
         track.sigma_m,
         np.where(np.isfinite(track.sigma_m), track.flags | SUPPLIED, 0).astype(np.int32),
         Z_UP @ track.covariance_m2 @ Z_UP.T,
-    )
-
-
-def _summary(
-    name: str, trial: int, length_m: float, found: SpaceReconstruction, track: Track
-) -> TrackSummary:
-    located = np.isfinite(track.points_m[:, 1:]).all(axis=2)
-    return TrackSummary(
-        experiment=name,
-        trial=trial,
-        source="supplied",
-        points=located.shape[1],
-        length_m=length_m,
-        decoded_frames=len(track.frame),
-        expected_frames=len(track.frame),
-        tracked_fraction=float(located.mean()),
-        tip_fraction=float(located[:, -1].mean()),
-        marker_fraction=float(np.isfinite(track.points_m[:, 0]).all(axis=1).mean()),
-        median_sigma_m=float(np.nanmedian(track.sigma_m[:, 1:])),
-        choices={"file": OBSERVATIONS, "ends_px": found.ends_px, "ends_sigma": found.ends_sigma},
-        cameras=[],
-        warnings=list(found.warnings),
     )
