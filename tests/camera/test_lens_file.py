@@ -203,6 +203,7 @@ def test_a_lens_is_read_as_its_program_wrote_it(tmp_path, text, suffix, name) ->
         ("lens model is 'fov'", KALIBR.replace("equidistant", "fov"), "cam1"),
         ("lens model is 'omni'", KALIBR.replace("pinhole", "omni"), "cam0"),
         ("5 distortion coefficients", ROS.replace("plumb_bob", "equidistant"), None),
+        ("5 distortion coefficients", f"fisheye_model: 1\n{ROS}", None),
         ("size is missing", ROS.replace("image_width: 1280\n", ""), None),
         ("number", ROS.replace("1201.5", ".nan"), None),
         ("(3,3)", ROS.replace("0.0, 0.0, 1.0]", "0.0, 1.0]"), None),

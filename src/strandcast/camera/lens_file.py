@@ -30,6 +30,7 @@ WIDTH, HEIGHT = ("image_width", "image_Width", "width"), ("image_height", "image
 SIZE = ("image_size", "size", "resolution")
 KNOWN_MODELS = ("plumb_bob", "rational_polynomial", "radtan", "pinhole", "opencv", "")
 FISHEYE_MODELS = ("equidistant", "fisheye", "equi", "kannala_brandt", "opencv_fisheye")
+FISHEYE_KEYS = ("fisheye", "fisheye_model")  # anipose's, and that of OpenCV's calibration sample
 COEFFICIENTS = 8
 
 
@@ -130,7 +131,7 @@ def _says_fisheye(path: Path, camera: dict[str, Any]) -> bool:
         )
         fix = "calibrate with plumb_bob or equidistant (ROS), radtan or equidistant (Kalibr), or with OpenCV"
         raise StrandcastError("SC-C050", what, file=path, fix=fix)
-    return bool(camera.get("fisheye")) or any(model in FISHEYE_MODELS for model in given)
+    return any(camera.get(key) for key in FISHEYE_KEYS) or any(model in FISHEYE_MODELS for model in given)
 
 
 def _first(camera: dict[str, Any], names: tuple[str, ...], what: str) -> Any:
