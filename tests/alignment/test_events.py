@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from strandcast.alignment.events import SYNC_OUTPUT
+from strandcast.alignment.search import ANY_DRIFT
 from strandcast.config.align import AlignSettings, VideoSyncEvent
 from strandcast.errors import StrandcastError
 from strandcast.records.joint_log import SYNC_HIGH, SyncEvent
@@ -46,6 +47,14 @@ def test_two_events_far_apart_determine_the_drift(throw, fit):
     found = fit(trial, settings=AlignSettings(sync_events=in_both), sync_events=recorded)
     assert found.drift == pytest.approx(trial.drift, abs=4 * found.drift_se)
     assert found.drift_se < 2e-5
+
+
+def test_a_drift_that_contradicts_its_prior_stays_free_with_an_event(trial, fit):
+    wrong = trial.markers | {"camera_time_s": trial.markers["camera_time_s"] * 0.99}
+    event = led(trial, 0.1) | {"settings": in_video("led", 0.099, 1e-3)}
+    for found in (fit(trial, markers=wrong), fit(trial, markers=wrong, **event)):
+        assert found.drift == pytest.approx(0.0101, abs=5e-4)
+        assert found.drift_prior == ANY_DRIFT
 
 
 def test_an_event_that_contradicts_is_refused_with_both_numbers(trial, fit):

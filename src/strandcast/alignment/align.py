@@ -112,6 +112,7 @@ def align(
     files = robot.file, str(arm.path)
     data = AlignmentData(rig, rows, detections, settings.largest_offset_s, arm.joints, *files)
     best = best_fit(data, priors)
+    priors = priors.with_drift(best.fit.drift_prior)
     _refuse_mistakes(best, data, priors)
     best = with_single_error(best, rig, priors)
     fastest = FastestPoint("a tip's", tip_speed_m_s) if tip_speed_m_s else _fastest_hand(best.covered)

@@ -29,6 +29,8 @@ class ClockFit:
     ----------
     middle_se_s, drift_se, middle_drift_cov_s
         Standard errors of `middle_robot_s` and `drift`, and their covariance.
+    drift_prior
+        Standard deviation of the drift's prior: wider than the settings' where that contradicts the motion.
     unaided_se_s
         `middle_se_s` if the rig's constants were known ten times less well, hence from the motion alone.
     true_share
@@ -51,6 +53,7 @@ class ClockFit:
     middle_se_s: float
     drift_se: float
     middle_drift_cov_s: float
+    drift_prior: float
     unaided_se_s: float
     true_share: float
     rig_error: RigError
@@ -141,6 +144,7 @@ def fit_clock(problem: ClockProblem) -> ClockFit:
         middle_se_s=float(np.sqrt(errors[0, 0])),
         drift_se=float(np.sqrt(errors[1, 1])),
         middle_drift_cov_s=float(errors[0, 1]),
+        drift_prior=float(scales[1]),
         unaided_se_s=found.unaided_se * OFFSET_UNIT_S,
         true_share=found.true_share,
         rig_error=problem.rig_error(found.x),
