@@ -96,11 +96,12 @@ def test_a_drift_of_two_percent_is_corrected_and_reported(throw, fit):
     )
 
 
-def test_a_rate_that_is_one_percent_off_is_not_absorbed_by_the_rigs_constants(throw, fit):
+@pytest.mark.parametrize("ratio", [0.99, 0.998])
+def test_a_wrong_rate_is_not_absorbed_by_the_rigs_constants(throw, fit, ratio):
     trial = throw(5)
-    wrong = trial.markers | {"camera_time_s": trial.markers["camera_time_s"] * 0.99}
+    wrong = trial.markers | {"camera_time_s": trial.markers["camera_time_s"] * ratio}
     found = fit(trial, markers=wrong)
-    assert found.drift == pytest.approx(0.0101, abs=5e-4)
+    assert found.drift == pytest.approx(1.0 / ratio - 1.0, abs=5e-4)
 
 
 @pytest.mark.thorough

@@ -1,5 +1,7 @@
 """The best fit of all offsets at which log and video overlap."""
 
+import numpy as np
+
 from strandcast.alignment.checks import no_overlap_error
 from strandcast.alignment.coarse_search import APART_S, AlignmentData, candidate_offsets, shape_change_m
 from strandcast.alignment.diagnosis import diagnose
@@ -12,7 +14,8 @@ from strandcast.rig.model import Rig
 LARGEST_RESIDUAL_M = 0.005
 LARGEST_COARSE_M = 0.05
 RIVAL_RATIO = 1.5
-SURPRISE = 4.0  # standard deviations of the drift's prior
+SURPRISE = 4.0  # standard deviations of a fitted drift about its prior's mean
+LEAST_SPREAD = 0.05  # of the prior's standard deviation, where the motion hardly determines the drift
 ANY_DRIFT = 0.05
 FREED_FROM_M = 0.0003  # a rate wrong by 1 % can leave half a millimetre; lab throws leave less than 0.1 mm
 FREED_SHARE = 0.7  # of the residual: a free drift must leave less
@@ -55,7 +58,9 @@ def _fitted(data: AlignmentData, offset_s: float, priors: Priors) -> Candidate |
         return None
     shape_m = shape_change_m(data.rig, data.rows, problem.detections, offset_s, SHIFT_S)
     found = fitted(problem, shape_m)
-    surprise = abs(found.fit.drift - priors.known_drift) > SURPRISE * priors.drift
+    # The prior has pulled the fitted drift: about the prior's mean it varies by less than the prior.
+    spread = np.sqrt(max(priors.drift**2 - found.fit.drift_se**2, (LEAST_SPREAD * priors.drift) ** 2))
+    surprise = abs(found.fit.drift - priors.known_drift) > SURPRISE * spread
     if priors.drift < ANY_DRIFT and (surprise or found.residual_m > FREED_FROM_M):
         freed = fitted(problem.with_priors(priors.with_drift(ANY_DRIFT)), shape_m)
         if freed.residual_m < FREED_SHARE * found.residual_m or surprise:
