@@ -8,9 +8,11 @@ import pytest
 from scipy.interpolate import CubicSpline
 from scipy.optimize import least_squares
 
+from strandcast.alignment.frame_rate import rate_words
 from strandcast.arm.kinematics import hand_pose
 from strandcast.config.align import AlignSettings
 from strandcast.errors import StrandcastError
+from strandcast.rig.model import Detections
 from strandcast_studies.evidence.clock_trials import Faults
 
 STILL = np.array([0.8, 0.5, 0.2])
@@ -54,7 +56,8 @@ def test_the_log_of_another_trial(good, throw, refusal):
 def test_joints_reordered(good, refusal, order, holds):
     found = refusal(good, log=joints(good, lambda q: q[:, order]))
     assert found.code == "SC-A012"
-    assert f"the columns hold, in this order: {holds}" in found.fix
+    assert f"the columns hold, in this order: {holds};" in found.fix
+    assert f"taken as {holds}, " in found.what
 
 
 def test_degrees_for_radians(good, refusal):
@@ -136,9 +139,15 @@ def test_a_log_cut_in_the_throw(good, refusal, rows, kept):
 def test_a_wrong_frame_rate(good, refusal, said_hz, word):
     columns = good.markers | {"camera_time_s": good.markers["camera_time_s"] * 500.0 / said_hz}
     found = refusal(good, markers=columns)
-    assert (found.code, found.field) == ("SC-V017", "camera.frame_rate_hz")
+    assert (found.code, found.field, found.file) == ("SC-V017", "camera.frame_rate_hz", None)
     assert word in found.what
     assert "camera.frame_rate_hz: 500;" in found.fix
+
+
+@pytest.mark.parametrize(("true_hz", "advised"), [(239.76, "239.76"), (250.1, "250"), (233.333, "233.33")])
+def test_the_rate_that_is_set_is_not_advised(true_hz, advised):
+    every = Detections(np.arange(9) / 240.0, *[None] * 3)
+    assert f"camera.frame_rate_hz: {advised};" in rate_words(every, 240.0 / true_hz)[1]
 
 
 @pytest.mark.parametrize(("seed", "ramp_s"), [pytest.param(5, 0.5, marks=pytest.mark.thorough), (0, 0.45)])

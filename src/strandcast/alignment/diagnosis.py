@@ -67,7 +67,7 @@ def diagnose(data: AlignmentData, residual_m: float) -> StrandcastError:
         return StrandcastError(
             best.code,
             f"{off}; {best.what}, {best_m * 1e3:.1f} mm remain",
-            file=data.log_file,
+            file=data.log_file if best.code == "SC-A012" else None,
             field=best.field,
             cost=cost,
             fix=best.fix,
@@ -137,12 +137,11 @@ def _with_joints(data: AlignmentData, q_rad: np.ndarray) -> AlignmentData:
 
 def _reordered(data: AlignmentData, order: tuple[int, ...]) -> Hypothesis:
     names = data.joint_names
+    held = ", ".join(names[order.index(k)] for k in range(len(names)))  # column order[k] holds joint k
     return Hypothesis(
         "SC-A012",
-        f"with the log's columns for {', '.join(names)} taken as {', '.join(names[k] for k in order)}",
-        # Column order[k] holds joint k.
-        f"the columns hold, in this order: {', '.join(names[order.index(k)] for k in range(len(names)))}; "
-        "import the log with these names",
+        f"with the log's columns for {', '.join(names)} taken as {held}",
+        f"the columns hold, in this order: {held}; import the log with these names",
         "joint_names",
         _with_joints(data, data.rows.q_rad[:, list(order)]),
     )

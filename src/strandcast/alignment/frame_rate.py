@@ -41,16 +41,17 @@ def rate_words(detections: Detections, ratio: float) -> tuple[str, str]:
     return (
         f"with the camera's clock taken {ratio:.4g} times as fast ({kind}the video's times say "
         f"{nominal_hz:.4g} frames/s, the hand's motion {true_hz:.4g})",
-        f"set the true rate, camera.frame_rate_hz: {_round_rate(true_hz):g}; where other films of this "
-        "camera have another, use the original of this one",
+        f"set the true rate, camera.frame_rate_hz: {_round_rate(true_hz, nominal_hz):g}; where other films "
+        "of this camera have another, use the original of this one",
     )
 
 
-def _round_rate(rate_hz: float) -> float:
-    """Return the usual rate near a fitted one, or the fitted one in four digits."""
+def _round_rate(rate_hz: float, nominal_hz: float) -> float:
+    """Return the usual rate near a fitted one, or the fitted one in five digits: not what is set already."""
     usual = np.array(USUAL_HZ, float)
-    near = usual[np.argmin(np.abs(np.log(usual / rate_hz)))]
-    return float(near) if abs(near / rate_hz - 1.0) < 0.005 else float(f"{rate_hz:.4g}")
+    near = float(usual[np.argmin(np.abs(np.log(usual / rate_hz)))])
+    is_new = abs(near - nominal_hz) > 0.5 * abs(rate_hz - nominal_hz)
+    return near if is_new and abs(near / rate_hz - 1.0) < 0.005 else float(f"{rate_hz:.5g}")
 
 
 def _path_times(time_s: np.ndarray, position_m: np.ndarray) -> np.ndarray | None:
