@@ -10,15 +10,18 @@ import pytest
 from scipy.io import netcdf_file
 from tests.film.swinging import HEIGHT, LENGTH_M, MARKER_PX, RATE_HZ, SCALE_M, WIDTH, cord, film, off_px
 from tests.report.chromium import Browser
+from tests.tracking.scene import write_video
 from typer.testing import CliRunner
 
 import strandcast
 from strandcast.cli.app import app
 from strandcast.errors import StrandcastError
+from strandcast.film.colour import film_of_colour
 from strandcast.film.files import write_files
 from strandcast.film.known import held_of, scale_of
 from strandcast.film.result import FilmTrack
 from strandcast.records.files import write_text
+from strandcast.video.reader import open_video
 
 FRAMES = 50
 
@@ -116,9 +119,38 @@ def test_a_string_is_found_by_its_colour(still, tmp_path):
             made.mux(stream.encode(av.VideoFrame.from_ndarray(picture.astype(np.uint8), format="rgb24")))
         made.mux(stream.encode(None))
     tracked = strandcast.track_film(tmp_path / "v.mp4", colour="#be3c32")
-    assert np.median(off_px(tracked.points_px, still[1])) < 2.0
+    assert np.nanmedian(off_px(tracked.points_px, still[1])) < 2.0
     write_files(tracked, tmp_path / "files")
     assert (tmp_path / "files" / "film.html").is_file()
+
+
+def test_levels_by_colour_are_not_clipped(tmp_path):
+    ramp = np.tile(np.arange(256, dtype=np.uint8), (64, 1))
+    write_video(tmp_path / "v.mkv", [ramp] * 2, RATE_HZ)
+    with film_of_colour(tmp_path / "v.mkv", "#000000") as made, open_video(made) as opened:
+        levels = next(iter(opened))[2].astype(float)
+    assert levels == pytest.approx(np.maximum(255.0 - np.sqrt(3.0) * ramp, 0.0), abs=1.0)
+
+
+@pytest.mark.parametrize(("frames", "code"), [(1, "SC-V012"), (20, "SC-V005")])
+def test_a_film_by_colour_is_refused_by_its_own_name(tmp_path, frames, code):
+    path = tmp_path / "v.mp4"
+    write_video(path, [np.full((64, 64), 200, np.uint8)] * frames, RATE_HZ, "libx264", "yuv420p")
+    with av.open(path) as opened:
+        packets = [packet.pos for packet in opened.demux(video=0) if packet.size]
+    with path.open("r+b") as damaged:
+        if frames > 1:
+            damaged.seek(packets[5])
+            damaged.write(b"\xff" * 8)
+    with pytest.raises(StrandcastError) as refused:
+        strandcast.track_film(path, colour="#c03020")
+    assert (refused.value.code, refused.value.file) == (code, str(path))
+
+
+@pytest.mark.parametrize("known", [{"scale": "marker=0.04"}, {"held": "marker:7"}])
+def test_a_film_by_colour_has_no_markers(still, known):
+    with pytest.raises(StrandcastError, match="a film by colour shows no markers"):
+        strandcast.track_film(still[0], colour="#c03020", **known)
 
 
 def test_corrections_are_taken_as_given_and_change_only_what_is_near(tracked, still, tmp_path):

@@ -10,7 +10,9 @@ import av
 import numpy as np
 
 from strandcast.errors import StrandcastError
-from strandcast.video.ffmpeg import open_container
+from strandcast.video.ffmpeg import open_container, reason
+from strandcast.video.files import damaged
+from strandcast.video.small import FULL_RANGE, full_range_frame
 
 
 @contextmanager
@@ -38,12 +40,14 @@ def film_of_colour(video: Path, colour: str | None) -> Iterator[Path]:
             grey.width, grey.height = opened.stream.width, opened.stream.height
             grey.pix_fmt, grey.time_base = "gray", opened.stream.time_base
             grey.codec_context.time_base = opened.stream.time_base
-            for frame in opened.container.decode(opened.stream):
-                off = np.linalg.norm(frame.to_ndarray(format="rgb24") - wanted, axis=2)
-                near = av.VideoFrame.from_ndarray(
-                    np.maximum(255.0 - off, 0.0).astype(np.uint8), format="gray"
-                )
-                near.pts, near.time_base = frame.pts, frame.time_base
-                made.mux(grey.encode(near))
+            grey.codec_context.color_range = FULL_RANGE
+            try:
+                for frame in opened.container.decode(opened.stream):
+                    off = np.linalg.norm(frame.to_ndarray(format="rgb24") - wanted, axis=2)
+                    near = full_range_frame(np.maximum(255.0 - off, 0.0).astype(np.uint8), 0, "gray")
+                    near.pts, near.time_base = frame.pts, frame.time_base
+                    made.mux(grey.encode(near))
+            except av.FFmpegError as error:
+                raise damaged("SC-V005", f"the video breaks off ({reason(error)})", video) from None
             made.mux(grey.encode(None))
         yield path

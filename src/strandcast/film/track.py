@@ -60,8 +60,13 @@ def track_film(video: str | Path, **what: Any) -> FilmTrack:
     """
     video, known = Path(video), FilmKnown(**what)
     held = [held_of(text) for text in ([known.held] if isinstance(known.held, str) else known.held)]
+    by_marker = any(one.marker is not None for one in held) or str(known.scale).startswith("marker=")
+    if known.colour is not None and by_marker:
+        fix = "give another --scale, and pixels as --held"
+        raise StrandcastError("SC-W021", "a film by colour shows no markers", field="colour", fix=fix)
+    own = _inspected(video, known)
     with film_of_colour(video, known.colour) as file:
-        facts = _inspected(file, known)
+        facts = own if file == video else _inspected(file, known)
         still = [one.place_px for one in held if not one.moves]
         pictures, seen = _look(video, file, facts, known, still[0] if still else None)
         ids = [one.marker for one in held if one.marker is not None]
@@ -72,7 +77,6 @@ def track_film(video: str | Path, **what: Any) -> FilmTrack:
         scene = FilmScene(video, file, facts, pictures, seen, camera)
         ends, words = held_ends(scene, held, known.dictionary)
         track = _tracked(scene, ends, known, scale, {"held": words, "scale": scale.words})
-    own = facts if file == video else _inspected(video, known)
     return replace(track, facts=own, warnings=(*file_warnings(own), *track.warnings))
 
 
