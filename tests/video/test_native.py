@@ -1,5 +1,6 @@
 """Files of high-speed cameras (Photron's pair, Phantom's cine), compared with independent readings."""
 
+import hashlib
 import struct
 from pathlib import Path
 
@@ -7,6 +8,7 @@ import numpy as np
 import pytest
 
 from strandcast.errors import StrandcastError
+from strandcast.video.checks import check_recorded
 from strandcast.video.cine import cine_times_ns
 from strandcast.video.ingest import camera_times, inspect_video
 from strandcast.video.reader import open_video
@@ -51,6 +53,18 @@ def photron(folder: Path, frames: np.ndarray, bits: int, **fields: str) -> Path:
 @pytest.fixture
 def frames() -> np.ndarray:
     return np.random.default_rng(0).integers(0, 4096, (7, *SHAPE)).astype(np.uint16)
+
+
+def test_a_note_of_sha256sum_may_be_of_one_file_or_of_both(tmp_path, frames):
+    path = photron(tmp_path, frames, 12)
+    facts = inspect_video(path)
+    both = [hashlib.sha256((tmp_path / name).read_bytes()).hexdigest() for name in ("v.cih", "v.mraw")]
+    (tmp_path / "v.cih.sha256").write_text(f"{both[0]}  v.cih\n{both[1]}  v.mraw\n")
+    (tmp_path / "v.mraw.sha256").write_text(both[1])
+    check_recorded(path, facts, None)
+    (tmp_path / "v.mraw.sha256").write_text(both[0])
+    with pytest.raises(StrandcastError, match="v.mraw.sha256 has another SHA-256"):
+        check_recorded(path, facts, None)
 
 
 @pytest.mark.parametrize("bits", [8, 12, 16])

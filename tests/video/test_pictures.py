@@ -1,5 +1,6 @@
 """Folders of numbered pictures and multi-page TIFF files as videos."""
 
+import hashlib
 from pathlib import Path
 
 import cv2
@@ -9,6 +10,7 @@ import tifffile
 from PIL import Image
 
 from strandcast.errors import StrandcastError
+from strandcast.video.checks import check_recorded
 from strandcast.video.ingest import camera_times, inspect_video
 from strandcast.video.reader import open_video
 
@@ -44,6 +46,7 @@ def refusal(path: Path, rate: float | None = 1000.0) -> StrandcastError:
 def test_pictures_come_in_the_order_of_their_numbers(tmp_path, suffix, kind):
     true = series(tmp_path / "video", [f"cam 2_{k}.{suffix}" for k in range(8, 13)], kind)
     (tmp_path / "video" / "notes.txt").write_text("not a picture")
+    (tmp_path / "video" / f"._cam 2_8.{suffix}").write_text("of macOS")
     facts = inspect_video(tmp_path / "video", 1000.0)
     assert (facts.packets, facts.width_px, facts.height_px) == (5, 32, 24)
     assert facts.frame_rate_hz == 1000.0
@@ -168,3 +171,17 @@ def test_the_hash_is_that_of_all_pictures(tmp_path):
     before = inspect_video(tmp_path / "video", 10.0).sha256
     flip(tmp_path / "video" / "f1.tif")
     assert inspect_video(tmp_path / "video", 10.0).sha256 != before
+
+
+def test_a_note_of_sha256sum_lists_the_pictures(tmp_path):
+    video = tmp_path / "video"
+    series(video, ["f0.png", "f1.png"])
+    facts = inspect_video(video, 10.0)
+    lines = [
+        f"{hashlib.sha256(file.read_bytes()).hexdigest()}  video/{file.name}" for file in video.iterdir()
+    ]
+    (tmp_path / "video.sha256").write_text("\n".join(lines))
+    check_recorded(video, facts, None)
+    flip(video / "f1.png")
+    with pytest.raises(StrandcastError, match="video.sha256 has another SHA-256"):
+        check_recorded(video, facts, None)

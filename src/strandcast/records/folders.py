@@ -179,7 +179,8 @@ class TrialFolder:
 def files_of_video(video: Path) -> list[Path]:
     """Return the files of a video: itself, Photron's files of its name, or the pictures of a folder."""
     if folder_exists(video):
-        return sorted(path for path in entries_of(video) if path.suffix.lower() in PICTURES)
+        pictures = (path for path in entries_of(video) if path.suffix.lower() in PICTURES)
+        return sorted(path for path in pictures if not path.name.startswith("."))
     if video.suffix.lower() not in PHOTRON:
         return [video]
     same_name = (path for path in entries_of(video.parent) if path.stem == video.stem)

@@ -4,18 +4,20 @@ import re
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from pathlib import Path
+from pathlib import Path, PureWindowsPath
 
 from strandcast.errors import StrandcastError
 from strandcast.records.folders import files_of_video
 from strandcast.records.joint_log import Run
+from strandcast.records.known_hashes import content_sha256_of
 from strandcast.records.manifest import LogFacts, VideoFacts
 from strandcast.video.files import damaged, video_sha256
 from strandcast.video.ingest import RATE_TOLERANCE
 
 QUIET_S = 1.0  # chosen: time without changes before a file is read
 MIN_COVER = 0.5  # chosen: share of the motion that the video must cover
-LONGEST_HASH_BYTES = 4096  # of a file of `sha256sum`: the hash, then a name
+LONGEST_HASH_BYTES = 4096  # of a line of `sha256sum`: the hash, then a name
+HASH_LINE = re.compile(r"^\s*\\?([0-9a-fA-F]{64})\b[ *]*(.*?)\s*$", re.MULTILINE)
 CAMERA_CLOCKS = ("cine", "mraw")  # containers whose times are those of filming
 LEAST_RATE_HZ = 240.0  # below, a fast tip moves by decimetres between frames (the README asks for 240)
 SLOW_MOTION = 3.0  # chosen: duration relative to the joint log above which slow motion is suspected
@@ -56,22 +58,28 @@ def _refuse_change(path: str | Path, before: list[tuple[str, int, int]]) -> None
 def check_recorded(path: str | Path, facts: VideoFacts, run: Run | None) -> None:
     """Refuse a video that is not the recorded one (SC-V005).
 
-    The recorded hash is in run.json (``video: {"sha256": ...}``) or in a ``sha256sum`` file beside the video.
+    The recorded hash is in run.json (``video: {"sha256": ...}``), or in a ``sha256sum`` file beside the video
+    or beside one of its files, which may list them all.
     """
     path = Path(path)
-    beside = path.with_name(path.name + ".sha256")
+    files = {file.name: file for file in files_of_video(path)}
     hashes = {"run.json": str(run.video.get("sha256") or "") if run is not None else ""}
-    if beside.is_file():
-        with beside.open("rb") as file:
-            hashes[beside.name] = file.read(LONGEST_HASH_BYTES).decode(errors="replace")
+    for name in [path.name] if path.is_dir() else [path.name, *files]:
+        beside = path.with_name(f"{name}.sha256")
+        if beside.is_file():
+            with beside.open("rb") as file:
+                hashes[beside.name] = file.read(LONGEST_HASH_BYTES * len(files)).decode(errors="replace")
     for where, text in hashes.items():
-        found = re.match(r"\s*\\?([0-9a-fA-F]{64})\b", text)
-        if found and found[1].lower() != facts.sha256:
-            raise _different(path, f"is not the recorded file: {where} has another SHA-256")
-        if text and not found:
+        lines = [(digest.lower(), PureWindowsPath(name).name) for digest, name in HASH_LINE.findall(text)]
+        if text and not lines:
             fix = f"write the output of `sha256sum {path.name}` to it"
             what = f"{where} contains no SHA-256 of it"
             raise damaged("SC-V005", what, path.with_name(where), field="sha256", fix=fix)
+        bare = [(digest, where.removesuffix(".sha256")) for digest, _ in lines[:1]]
+        for digest, name in [line for line in lines if line[1] in files] or bare:
+            is_part = len(files) > 1 and name in files
+            if digest != facts.sha256 and not (is_part and digest == content_sha256_of(files[name])):
+                raise _different(path, f"is not the recorded file: {where} has another SHA-256")
 
 
 def check_same(path: str | Path, facts: VideoFacts) -> None:
