@@ -1,6 +1,7 @@
 """`strandcast film`: a string tracked without an experiment, against films with a known string."""
 
 import json
+import re
 from pathlib import Path
 
 import av
@@ -11,6 +12,7 @@ from scipy.io import netcdf_file
 from tests.film.swinging import HEIGHT, LENGTH_M, MARKER_PX, RATE_HZ, SCALE_M, WIDTH, cord, film, off_px
 from tests.report.chromium import Browser
 from tests.tracking.scene import write_video
+from tests.video.test_native import photron
 from typer.testing import CliRunner
 
 import strandcast
@@ -46,6 +48,12 @@ def folder(tracked: FilmTrack, tmp_path_factory: pytest.TempPathFactory) -> Path
     folder = tmp_path_factory.mktemp("files")
     write_files(tracked, folder)
     return folder
+
+
+def pictures_of(still: tuple[Path, np.ndarray]) -> list[np.ndarray]:
+    """Return its grey pictures."""
+    with av.open(still[0]) as opened:
+        return [frame.to_ndarray(format="gray") for frame in opened.decode(video=0)]
 
 
 def test_what_is_not_given_is_found(tracked, still):
@@ -122,6 +130,25 @@ def test_a_string_is_found_by_its_colour(still, tmp_path):
     assert np.nanmedian(off_px(tracked.points_px, still[1])) < 2.0
     write_files(tracked, tmp_path / "files")
     assert (tmp_path / "files" / "film.html").is_file()
+
+
+def test_the_bits_that_a_film_does_not_use_do_not_count(still, tmp_path):
+    write_video(
+        tmp_path / "v.mkv",
+        [4 * one.astype(np.uint16) for one in pictures_of(still)],
+        RATE_HZ,
+        pixel_format="gray16le",
+    )
+    tracked = strandcast.track_film(tmp_path / "v.mkv")
+    assert np.nanmedian(off_px(tracked.points_px, still[1])) < 0.8
+
+
+def test_a_moved_camera_is_reported_in_the_films_own_scale(still, tmp_path):
+    moved = [np.roll(one, 2 * (k >= FRAMES // 2), axis=1) for k, one in enumerate(pictures_of(still))]
+    write_video(tmp_path / "v.mkv", moved, RATE_HZ)
+    for scale, words in ((0.01, ["18"]), (None, [])):
+        [warning] = strandcast.track_film(tmp_path / "v.mkv", scale=scale).warnings
+        assert re.findall(r"(\d+)[.]\d mm at the string", warning) == words
 
 
 def test_levels_by_colour_are_not_clipped(tmp_path):
@@ -247,6 +274,12 @@ def test_a_held_end_that_moves_is_asked_for(tmp_path):
 def test_what_nothing_can_have_is_refused(still, known):
     with pytest.raises(StrandcastError, match="SC-W021"):
         strandcast.track_film(still[0], **known)
+
+
+def test_a_rate_that_the_cameras_own_clock_contradicts_is_to_be_left_out(tmp_path):
+    film = photron(tmp_path, np.zeros((3, 24, 32), np.uint16), 16)
+    with pytest.raises(StrandcastError, match="leave --frame-rate out"):
+        strandcast.track_film(film, frame_rate_hz=100.0)
 
 
 @pytest.mark.parametrize("text", ["mm", "0", "-1", "inf", "1,2:1,2=0.3", "marker=x", "marker=0", "marker=-1"])

@@ -166,12 +166,12 @@ def check_movement(
 
 
 def movement_text(frame: int, moved: CameraMovement, since: str) -> tuple[str, str]:
-    """Return the words for a movement of the camera since an earlier picture, and its cost."""
+    """Return the words for a movement of the camera since an earlier picture, and its cost, if known."""
     return (
         f"the camera has moved since {since}: {moved.displacement_px:.2f} ± "
         f"{moved.sigma_px:.2f} px at frame {frame} ({moved.shift_px[0]:+.2f}, {moved.shift_px[1]:+.2f} px, "
         f"rotation {np.degrees(moved.rotation_rad):+.3f} degrees, zoom {moved.zoom - 1.0:+.3%})",
-        f"{moved.displacement_m * 1e3:.1f} mm at the string",
+        f"{moved.displacement_m * 1e3:.1f} mm at the string" if moved.displacement_m > 0 else "",
     )
 
 

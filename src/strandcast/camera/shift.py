@@ -51,4 +51,4 @@ def shift_warnings(
     moved = find_shift(camera, before, after)
     if moved is None or moved.displacement_px < WARNING_PX or moved.significance < SIGNIFICANT:
         return []
-    return [": ".join(movement_text(frame, moved, since))]
+    return [": ".join(filter(None, movement_text(frame, moved, since)))]

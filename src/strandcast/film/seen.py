@@ -69,9 +69,12 @@ def seen_string(
     return SeenString(np.array(list(found)), ends, length_px, middle, resting)
 
 
-def eight_bit_of(image: np.ndarray, max_level: int) -> np.ndarray:
-    """Return an image of levels up to `max_level` in 8 bits, with the same factor for every frame."""
-    return image if max_level < 256 else (image * (255.0 / max_level)).astype(np.uint8)
+def eight_bit_of(pictures: list[np.ndarray]) -> list[np.ndarray]:
+    """Return pictures in 8 bits, with the same factor for all: files of 16 bits often use 10 or 12."""
+    if pictures[0].dtype == np.uint8:
+        return pictures
+    unused = max(0, max(int(one.max()) for one in pictures).bit_length() - 8)
+    return [(one >> unused).astype(np.uint8) for one in pictures]
 
 
 def thin_px(height_px: int) -> int:

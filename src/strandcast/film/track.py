@@ -87,10 +87,10 @@ def _inspected(file: Path, known: FilmKnown) -> VideoFacts:
     except StrandcastError as problem:
         if problem.code != "SC-V017":
             raise
-        what, fix = (
-            problem.what.replace("camera.frame_rate_hz", "--frame-rate"),
-            "give the camera's --frame-rate",
-        )
+        what = problem.what.replace("camera.frame_rate_hz", "--frame-rate")
+        fix = "give the camera's --frame-rate"
+        if known.frame_rate_hz is not None:
+            fix = "leave --frame-rate out: this film needs none"
         raise StrandcastError("SC-V017", what, file=file, field="frame_rate_hz", fix=fix) from None
 
 
@@ -99,12 +99,14 @@ def _look(
 ) -> tuple[list[np.ndarray], SeenString]:
     """Return pictures spread over the film, and the string that they show (SC-T004 if there is none)."""
     with open_ingested(file, facts) as opened:
-        samples = Samples(facts.packets, opened.info.width * opened.info.height)
+        depth = 1 if opened.info.max_level < 256 else 2
+        samples = Samples(facts.packets, depth * opened.info.width * opened.info.height)
         for index, _, image in opened:
-            samples.offer(index, eight_bit_of(image, opened.info.max_level))
-    background, _ = learn_background(samples.pictures)
-    some = np.unique(np.linspace(0, len(samples.pictures) - 1, PICTURES).astype(int))
-    pictures = [samples.pictures[k] for k in some]
+            samples.offer(index, image)
+    sampled = eight_bit_of(samples.pictures)
+    background, _ = learn_background(sampled)
+    some = np.unique(np.linspace(0, len(sampled) - 1, PICTURES).astype(int))
+    pictures = [sampled[k] for k in some]
     bare = [without_markers(one, background, known.dictionary) for one in pictures]
     seen = seen_string(bare, background, POLARITIES[known.polarity], near_px)
     if seen is None or len(seen.shown) < LEAST_SHOWN:
@@ -220,7 +222,12 @@ def _tracked(
         warnings=(
             *_other_length(length / per_unit, known),
             *changing_rate_warnings(time_s, points, sigma, flags),
-            *movement_warnings(camera, decoded.samples, None, scene.video),
+            *movement_warnings(
+                camera.model_copy(update={"scale_m_per_px": m_per_px or 0.0}),
+                decoded.samples,
+                None,
+                scene.video,
+            ),
             *decoded.warnings,
         ),
     )

@@ -145,6 +145,8 @@ def slow_rate_warning(facts: VideoFacts) -> list[str]:
 
 def _against_log(facts: VideoFacts, log: LogFacts) -> list[str]:
     logged_s = log.end_s - log.start_s
+    if facts.frame_rate_source == "experiment" or facts.container in CAMERA_CLOCKS:
+        return []
     if logged_s <= 0 or _filmed_s(facts) < SLOW_MOTION * logged_s:
         return []
     return [
