@@ -9,6 +9,7 @@ import av
 import cv2
 import numpy as np
 import pytest
+import tifffile
 from PIL import Image
 
 from strandcast.camera.boards import write_charuco
@@ -27,7 +28,7 @@ from strandcast.records.camera import Camera, Lens
 from strandcast.records.summary import ExperimentSummary
 from strandcast.report.panels.camera_picture import camera_picture
 from strandcast.report.panels.page_data import ExperimentPageData
-from strandcast.stages.calibrate import _warn_of_former, plane_markers_of
+from strandcast.stages.calibrate import _board_frames, _warn_of_former, plane_markers_of
 from strandcast.stages.context import context_of
 from strandcast.stages.run import run_stage
 from strandcast.workflow.check import check_experiment
@@ -125,6 +126,12 @@ def truth_of(camera: Camera, lens, looking) -> Camera:
     rotation, shift = looking(0.06, -0.1, 0.03, (0.0, 0.02), 1.9)
     pose = {"rotation": rotation.tolist(), "translation_m": shift.tolist(), "lens": lens}
     return camera.model_copy(update=pose)
+
+
+def test_a_lens_video_needs_no_rate(tmp_path):
+    path = tmp_path / "board.tif"
+    tifffile.imwrite(path, np.zeros((3, 24, 32), np.uint8), photometric="minisblack")
+    assert [name for name, _ in _board_frames(path)] == [f"board.tif frame {k}" for k in range(3)]
 
 
 @pytest.mark.thorough

@@ -7,7 +7,7 @@ import pytest
 from strandcast.camera.boards import write_charuco
 from strandcast.camera.distinct_poses import pose_groups
 from strandcast.camera.distortion import MODELS, choose_model, fit_lens, smallest_as_good
-from strandcast.camera.lens import calibrate_lens
+from strandcast.camera.lens import calibrate_lens, calibrate_lens_video
 from strandcast.camera.lens_error import lens_covariance, repeat_inflation
 from strandcast.camera.markers import detect_markers, marker_detector, opencv_board
 from strandcast.camera.printed_board import identify_board
@@ -61,6 +61,13 @@ def test_a_known_lens_is_recovered_within_its_standard_errors(photos, lens):
     assert found.distortion[0] == pytest.approx(lens.distortion[0], abs=0.02)
     assert found.matrix[0][0] == pytest.approx(lens.matrix[0][0], rel=0.003)
     assert (found.width_px, found.height_px) == (960, 540)
+
+
+def test_a_video_may_begin_before_its_board_is_in_view(photos):
+    empty = [(f"frame {k}", np.full_like(photos[0][1], 120)) for k in range(6)]
+    found, printed = calibrate_lens_video([*empty, *photos], BOARD.model_copy(update={"first_id": 8}))
+    assert printed.board == BOARD
+    assert found.rms_px < 0.15
 
 
 def test_the_stored_residuals_give_the_rms(photos):

@@ -30,7 +30,7 @@ from strandcast.stages.context import Context
 from strandcast.stages.job import Files, Job
 from strandcast.stages.photos import given_pictures
 from strandcast.tracking.registry import TRACKERS
-from strandcast.video.ingest import inspect_video
+from strandcast.video.isolated import probe_isolated
 from strandcast.video.reader import open_video
 
 PARTLY = (
@@ -105,7 +105,7 @@ def _lens(context: Context, files: Files) -> tuple[Lens, PrintedBoard | None]:
 
 def _board_frames(path: Path) -> Iterator[tuple[str, np.ndarray]]:
     """Yield frames spread evenly over the board's video, named by their numbers."""
-    every = max(1, inspect_video(path).packets // SEARCHED_FRAMES)
+    every = max(1, len(probe_isolated(path).ticks) // SEARCHED_FRAMES)
     with open_video(path) as video:
         for index, _, grey in video:
             if index % every == 0:
