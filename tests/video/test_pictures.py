@@ -160,6 +160,36 @@ def test_colour_pictures_become_grey(tmp_path):
     assert np.abs(found.astype(int) - round(0.299 * 200 + 0.587 * 100 + 0.114 * 50)).max() <= 1
 
 
+def test_the_opacity_of_grey_pictures_does_not_count(tmp_path):
+    grey = RNG.integers(0, 255, (2, 24, 32)).astype(np.uint8)
+    both = np.stack([grey, np.full_like(grey, 255)], axis=-1)
+    tifffile.imwrite(tmp_path / "video.tif", both, photometric="minisblack", planarconfig="contig")
+    np.testing.assert_array_equal(read(tmp_path / "video.tif")[0], grey)
+
+
+@pytest.mark.parametrize(
+    ("words", "kind"),
+    [
+        ("a plane per colour", {"photometric": "rgb", "planarconfig": "separate"}),
+        ("several pictures in one page", {"photometric": "minisblack", "volumetric": True}),
+        ("all frames in one page", {"photometric": "minisblack", "imagej": True}),
+    ],
+)
+def test_a_page_that_is_no_grey_picture_is_refused(tmp_path, words, kind):
+    path = tmp_path / "video.tif"
+    tifffile.imwrite(path, np.zeros((3, 24, 32), np.uint8), **kind)
+    if "imagej" in kind:  # the pages' table ends after the first, as above 4 GB
+        with tifffile.TiffFile(path, mode="r+b") as tiff:
+            place = tiff.pages[0].offset + 2 + 12 * len(tiff.pages[0].tags)
+        with path.open("r+b") as file:
+            file.seek(place)
+            file.write(bytes(4))
+    error = refusal(path)
+    assert error.code == "SC-V010"
+    assert words in error.what
+    assert "one page per frame" in error.fix
+
+
 def test_a_decode_bomb_in_a_picture_is_refused(tmp_path):
     series(tmp_path / "video", ["f0.png"])
     Image.new("L", (16000, 8000)).save(tmp_path / "video" / "f1.png")

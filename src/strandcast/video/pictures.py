@@ -152,26 +152,34 @@ def _read_png(file: Path) -> tuple[Grey, int]:
 def _open_tiff(file: Path) -> tifffile.TiffFile:
     try:
         tiff = tifffile.TiffFile(file)
-        len(tiff.pages)  # reads the table of pages
-        return tiff
+        in_one = len(tiff.pages) == 1 and (tiff.imagej_metadata or {}).get("images", 1) > 1  # above 4 GB
     except MemoryError:
         raise
     except Exception as error:  # exceptions of any kind, as for a page
         raise damaged("SC-V005", f"is not a TIFF ({error})", file) from None
+    if in_one:
+        tiff.close()
+        raise _unsupported(file, "TIFF with all frames in one page")
+    return tiff
 
 
 def _page(tiff: tifffile.TiffFile, number: int, file: Path) -> tuple[Grey, int]:
     try:
         page = tiff.pages[number]
+        if page.axes not in ("YX", "YXS"):
+            planes = "a plane per colour" if page.axes == "SYX" else "several pictures in one page"
+            raise _unsupported(file, f"TIFF with {planes}")
         check_pixels(page.shape[1], page.shape[0], file)
         grey = _pixels(page, number, file)
     except (StrandcastError, MemoryError):
         raise
     except Exception as error:  # tifffile and its codecs raise exceptions of any kind
         raise damaged("SC-V005", f"is damaged ({error})", file) from None
-    if grey.dtype not in (np.uint8, np.uint16) or grey.ndim not in (2, 3):
-        raise _unsupported(file, f"TIFF of {grey.dtype} with {grey.ndim} dimensions")
-    if grey.ndim == 3:
+    if grey.dtype not in (np.uint8, np.uint16):
+        raise _unsupported(file, f"TIFF of {grey.dtype}")
+    if grey.ndim == 3 and grey.shape[2] < 3:
+        grey = np.ascontiguousarray(grey[..., 0])  # beside it is its opacity
+    elif grey.ndim == 3:
         grey = cv2.cvtColor(np.ascontiguousarray(grey[..., :3]), cv2.COLOR_RGB2GRAY)
     return grey, 255 if grey.dtype == np.uint8 else 65535
 
@@ -197,5 +205,5 @@ def _pixels(page: tifffile.TiffPage | tifffile.TiffFrame, number: int, file: Pat
 
 
 def _unsupported(file: Path, kind: str) -> StrandcastError:
-    fix = "save pictures as 8-bit or 16-bit grey"
+    fix = "save single pictures, or a TIFF with one page per frame, in 8-bit or 16-bit grey"
     return StrandcastError("SC-V010", f"{kind} is not supported", file=file, fix=fix)
