@@ -68,10 +68,6 @@ class ClockFit:
         """Return the offset at camera time zero."""
         return self.middle_robot_s - (1.0 + self.drift) * self.middle_camera_s
 
-    def offset_se_s(self) -> float:
-        """Return the offset's standard error."""
-        return self.robot_se_s(0.0)
-
     def robot_s(self, camera_s: float) -> float:
         """Return the robot time at a camera time."""
         return self.middle_robot_s + (1.0 + self.drift) * (camera_s - self.middle_camera_s)

@@ -51,7 +51,7 @@ def record_of_fit(
         trial=heading.trial,
         source="fit",
         offset_s=fit.offset_s(),
-        offset_se_s=fit.offset_se_s(),
+        offset_se_s=fit.robot_se_s(0.0),
         drift=fit.drift,
         drift_se=fit.drift_se,
         drift_prior=priors.drift,

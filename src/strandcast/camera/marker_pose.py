@@ -5,6 +5,7 @@ import numpy as np
 from strandcast.camera.mapping import distort, metre_per_pixel, pixel_to_metre, undistort
 from strandcast.camera.marker_sides import END_SHARE
 from strandcast.camera.markers import corners_of
+from strandcast.core.pose import rotated
 from strandcast.records.camera import Camera, Lens
 
 ALONG_SIDE = np.linspace(END_SHARE, 1.0 - END_SHARE, 9)  # where sides are sampled; chosen
@@ -68,10 +69,7 @@ def marker_pose(
     along = (relative * model).sum(axis=(-2, -1))
     across = (model[:, 0] * relative[..., 1] - model[:, 1] * relative[..., 0]).sum(axis=-1)
     angle = np.arctan2(across, along)
-    cosine, sine = np.cos(angle)[..., None], np.sin(angle)[..., None]
-    rotated = np.stack(
-        [cosine * model[:, 0] - sine * model[:, 1], sine * model[:, 0] + cosine * model[:, 1]], axis=-1
-    )
-    rms_m = np.sqrt(((relative - rotated) ** 2).sum(axis=(-2, -1)) / 5.0)  # 8 coordinates, 3 fitted
+    off_m = relative - rotated(model, angle[..., None])
+    rms_m = np.sqrt((off_m**2).sum(axis=(-2, -1)) / 5.0)  # 8 coordinates, 3 fitted
     floor_m = sigma_px * metre_per_pixel(camera, centre, offset_m)
     return np.concatenate([centre, angle[..., None]], axis=-1), np.maximum(rms_m, floor_m) / 2.0

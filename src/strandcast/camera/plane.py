@@ -13,6 +13,7 @@ from strandcast.camera.plane_checks import MarkerLayout, check_markers
 from strandcast.camera.plane_error import PlaneBox, place_sd_m, plane_error
 from strandcast.camera.pose import PlacedMarker, PoseFit, fit_pose, posed, rms
 from strandcast.config.camera import Board
+from strandcast.core.pose import rotated
 from strandcast.errors import StrandcastError
 from strandcast.records.camera import Camera, Lens, MarkerFit, PlaneError
 
@@ -138,13 +139,11 @@ def board_markers(board: Board, x_m: float, y_m: float, angle_rad: float = 0.0) 
     """
     pattern = opencv_board(board)
     height_m = board.squares_y * board.square_m
-    cosine, sine = np.cos(angle_rad), np.sin(angle_rad)
     markers = []
     for marker, corners in zip(np.asarray(pattern.getIds()).reshape(-1), pattern.getObjPoints(), strict=True):
         across, down = np.asarray(corners, float).reshape(4, 3)[:, :2].mean(axis=0)
-        up = height_m - down
-        u_m, v_m = x_m + cosine * across - sine * up, y_m + sine * across + cosine * up
-        markers.append(PlacedMarker(int(marker), u_m, v_m, board.marker_m, angle_rad))
+        right, up = rotated(np.array([across, height_m - down]), np.asarray(angle_rad))
+        markers.append(PlacedMarker(int(marker), x_m + right, y_m + up, board.marker_m, angle_rad))
     return markers
 
 

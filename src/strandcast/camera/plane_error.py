@@ -120,16 +120,11 @@ def pixel_slopes(
     fit: PoseFit, world_m: np.ndarray, camera: Camera, axes: tuple[int, ...] = (0, 1)
 ) -> np.ndarray:
     """Return the Jacobian (..., 2, axes) [px/m] of the pixels of points (..., 3) by world axes."""
-    steps_m = STEP_M * np.eye(3)[list(axes)]
+    steps_m, pose = STEP_M * np.eye(3)[list(axes)], (fit.rotation, fit.shift_m, camera.lens)
     columns = [
-        (_pixels(fit, world_m + step, camera) - _pixels(fit, world_m - step, camera)) / (2.0 * STEP_M)
-        for step in steps_m
+        (project(world_m + step, *pose) - project(world_m - step, *pose)) / (2.0 * STEP_M) for step in steps_m
     ]
     return np.stack(columns, axis=-1)
-
-
-def _pixels(fit: PoseFit, world_m: np.ndarray, camera: Camera) -> np.ndarray:
-    return project(world_m, fit.rotation, fit.shift_m, camera.lens)
 
 
 def _moved_places(fit: PoseFit, camera: Camera) -> np.ndarray:

@@ -11,6 +11,7 @@ import scipy
 from strandcast.camera.fisheye import is_fisheye, solve_pose
 from strandcast.camera.markers import corners_of
 from strandcast.camera.projection import project_points, straightened
+from strandcast.core.pose import rotated
 from strandcast.records.camera import Camera, Lens
 
 CRITERIA = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT, 100, 1e-12)
@@ -28,8 +29,7 @@ class PlacedMarker:
 
     def corners_m(self) -> np.ndarray:
         """Return the corners (4, 3) [m] in the world, in detection order."""
-        cosine, sine = np.cos(self.angle_rad), np.sin(self.angle_rad)
-        turned = corners_of(self.size_m) @ np.array([[cosine, sine], [-sine, cosine]])
+        turned = rotated(corners_of(self.size_m), np.asarray(self.angle_rad))
         return np.column_stack([turned + np.array([self.x_m, self.y_m]), np.zeros(4)])
 
 
