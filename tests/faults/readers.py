@@ -3,6 +3,7 @@
 import hashlib
 import io
 import json
+import os
 import random
 import shutil
 import struct
@@ -15,6 +16,7 @@ from functools import cache, lru_cache, partial
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
+from unittest import mock
 from unittest.mock import patch
 
 import av
@@ -56,7 +58,7 @@ from strandcast.records.track import TrackSummary
 from strandcast.report.experiment_page import _thumbnail
 from strandcast.report.results import FILES, read_results
 from strandcast.report.summary import summarise
-from strandcast.source_code import SourceCache
+from strandcast.source_code import NAME, SourceCache
 from strandcast.video.checks import check_recorded
 from strandcast.video.ingest import inspect_video
 from strandcast.video.photo import decode_photo
@@ -742,20 +744,18 @@ def held(path: Path) -> Any:
 
 
 def cached_code(path: Path) -> Any:
-    cache_of = SourceCache.__new__(SourceCache)
-    cache_of._file = path
-    cache_of._known = cache_of._read()
-    cache_of._new = False
-    return cache_of.code_of(path.with_name("code.py"))
+    with mock.patch.dict(os.environ, {"XDG_CACHE_HOME": str(path.parents[1])}):
+        return SourceCache().code_of(path.with_name("code.py"))
 
 
 def cache_file(folder: Path) -> Path:
-    path = written("code.py", "from math import pi\n\nTURN = 2 * pi\n")(folder).with_name("source-code.json")
-    cache_of = SourceCache.__new__(SourceCache)
-    cache_of._file, cache_of._known, cache_of._new = path, {}, False
-    cache_of.code_of(path.with_name("code.py"))
-    cache_of.save()
-    return path
+    (folder / "strandcast").mkdir()
+    code = written("code.py", "from math import pi\n\nTURN = 2 * pi\n")(folder / "strandcast")
+    with mock.patch.dict(os.environ, {"XDG_CACHE_HOME": str(folder)}):
+        cache_of = SourceCache()
+        cache_of.code_of(code)
+        cache_of.save()
+    return code.with_name(NAME)
 
 
 def other_readers() -> list[Reader]:

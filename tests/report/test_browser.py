@@ -59,7 +59,7 @@ def seen(page: Page, scheme: str) -> np.ndarray:
 @pytest.mark.parametrize(
     "changes",
     [
-        {"</h1>": "</h1><p onclick='1'>"},
+        {"</h1>": "</h1><script>1</script>"},
         {"img-src data:": "img-src data: http:", "</h1>": "</h1><img alt='' src='http://127.0.0.1:9/a'>"},
         {"prefers-color-scheme: dark": "prefers-color-scheme: light"},
     ],

@@ -188,7 +188,7 @@ def test_a_screen_reader_is_told_everything(film: Page) -> None:
     wanted = {"one frame back", "one frame on", "Closest approach", "Worst fit", "▶ Play at 1/20 speed"}
     wanted |= {"to the flagged run before", "to the next flagged run"}
     assert wanted <= {name for role, name in named if role in ("button", "ToggleButton")}
-    assert {name for role, name in named if role == "checkbox"} == {"measured", "fitted"}
+    assert {name.strip() for role, name in named if role == "checkbox"} == {"measured", "fitted"}
     unnamed = {role for role, name in named if role in ("button", "slider", "image", "img") and not name}
     assert unnamed == set()
 

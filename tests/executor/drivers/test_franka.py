@@ -12,7 +12,8 @@ from strandcast.core.trajectory import JointTrajectory
 from strandcast.errors import ENVIRONMENT, REFUSED, StrandcastError
 from strandcast.executor.drivers.franka import FrankaDriver, franka_driver
 from strandcast.executor.drivers.franka_limits import check_speeds, speed_limits
-from strandcast.executor.drivers.franka_link import CYCLE_S, Easing
+from strandcast.executor.drivers.franka_link import CYCLE_S
+from strandcast.executor.streaming.easing import Easing
 
 ROOT = Path(__file__).parents[3]
 MOVING = np.array([1, 3, 5])
@@ -79,7 +80,7 @@ def test_the_speed_limit_falls_near_the_end_of_a_joint(arm: PlanarArm) -> None:
 
 
 def test_an_easing_starts_at_its_offset_and_ends_at_zero() -> None:
-    easing = Easing(0.05, np.array([1e-5, -2e-5]), np.array([0.004, 0.0]), np.array([2.0, -1.0]))
+    easing = Easing(CYCLE_S, 0.05, np.array([1e-5, -2e-5]), np.array([0.004, 0.0]), np.array([2.0, -1.0]))
     rows = []
     while not easing.ended():
         rows.append(easing.next())

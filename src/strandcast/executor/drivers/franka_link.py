@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 
 from strandcast.executor.drivers.franka_settings import JOINTS
+from strandcast.executor.streaming.easing import EASE_S, Easing
 from strandcast.executor.streaming.link import ControllerState, ControllerStopped
 
 CYCLE_S = 0.001
 # A stream begins at the controller's own set point, not at the motion's start; after lost cycles it goes on
-# where the controller has extrapolated to. The difference is eased out over these times (chosen).
-START_EASE_S = 0.3
+# where the controller has extrapolated to. That difference is eased out over this time (chosen).
 GAP_EASE_S = 0.05
 MAX_START_OFFSET_RAD = 0.02
 TOO_LATE_NS = 1_000_000  # one cycle
@@ -79,7 +79,7 @@ class FrankaLink:
         q, qd, qdd = (np.array(value)[self._moving] for value in (state.q_d, state.dq_d, state.ddq_d))
         planned = (qd_rad_s - self._planned_speed) / (cycles * CYCLE_S)
         qd = qd + qdd * CYCLE_S
-        return Easing(GAP_EASE_S, q + qd * CYCLE_S - q_rad, qd - qd_rad_s, qdd - planned)
+        return Easing(CYCLE_S, GAP_EASE_S, q + qd * CYCLE_S - q_rad, qd - qd_rad_s, qdd - planned)
 
     def _send(self, finished: bool) -> None:
         command = self._vendor.JointPositions(self._sent.tolist())
@@ -101,20 +101,19 @@ class FrankaLink:
         """End the stream, at rest."""
         try:
             if self._control is not None and self._easing is not None:
-                self._end_eased(self._easing)
+                self._end_eased()
         except ControllerStopped:
             return
         finally:
             # The controller is released with the last reference to it, which an error's traceback may keep.
             self._control = self._robot = None
 
-    def _end_eased(self, easing: Easing) -> None:
+    def _end_eased(self) -> None:
         for _ in range(ENDING_CYCLES):
-            if easing.ended():
+            if self._easing is None or self._easing.ended():
                 break
             self.read()
             self.write(self._planned, np.zeros(len(self._planned)))
-            easing = self._easing or easing
         self.read()
         self._send(finished=True)
 
@@ -126,34 +125,4 @@ def _start_easing(offset_rad: np.ndarray) -> Easing:
     worst = float(np.abs(offset_rad).max())
     if worst > MAX_START_OFFSET_RAD:
         raise ValueError(f"the controller's set point is {worst:.3f} rad from the motion's start")
-    return Easing(START_EASE_S, offset_rad)
-
-
-class Easing:
-    """An offset to a command that goes to zero cycle by cycle, along a quintic.
-
-    Parameters
-    ----------
-    duration_s
-        Its length [s].
-    e, ed, edd
-        (J,) offset at the start [rad], its speed and its acceleration.
-    """
-
-    def __init__(self, duration_s: float, e: np.ndarray, ed: Any = 0.0, edd: Any = 0.0) -> None:
-        count = round(duration_s / CYCLE_S)
-        s = (np.arange(count + 1) / count)[:, None]
-        c0, c1, c2 = e, ed * duration_s, 0.5 * edd * duration_s**2
-        c3, c4, c5 = -10 * c0 - 6 * c1 - 3 * c2, 15 * c0 + 8 * c1 + 3 * c2, -6 * c0 - 3 * c1 - c2
-        self._rows = c0 + s * (c1 + s * (c2 + s * (c3 + s * (c4 + s * c5))))
-        self._next = 0
-
-    def next(self) -> np.ndarray:
-        """Return (J,) the offset for this cycle [rad], and advance to the next cycle."""
-        row: np.ndarray = self._rows[min(self._next, len(self._rows) - 1)]
-        self._next += 1
-        return row
-
-    def ended(self) -> bool:
-        """Return whether the offset has reached zero."""
-        return self._next >= len(self._rows)
+    return Easing(CYCLE_S, EASE_S, offset_rad)

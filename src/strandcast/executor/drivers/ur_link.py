@@ -13,7 +13,7 @@ from strandcast.executor.drivers.ur_settings import UrSettings
 from strandcast.executor.drivers.ur_state import FRESH_S, fault_of, program_runs
 from strandcast.executor.joint_mapping import ControllerJoints
 from strandcast.executor.streaming.clock import wait_until
-from strandcast.executor.streaming.easing import StartEasing
+from strandcast.executor.streaming.easing import EASE_S, Easing
 from strandcast.executor.streaming.link import ControllerState, ControllerStopped
 from strandcast.records.joint_log import SYNC_HIGH, JointLog, SyncEvent
 
@@ -35,7 +35,7 @@ class UrLink:
         self._receive, self._sender, self._settings = receive, sender, settings
         self._all: Callable[[np.ndarray], np.ndarray] = joints.all_angles if joints else np.asarray
         self._moving: Callable[[np.ndarray], np.ndarray] = joints.moving if joints else np.asarray
-        self._easing: StartEasing | None = None
+        self._easing: Easing | None = None
         self._bit = 0 if settings.sync_output is None else 1 << settings.sync_output
 
     def start(self) -> None:
@@ -85,8 +85,8 @@ class UrLink:
         wanted = self._all(q_rad)
         if self._easing is None:
             stands_rad = np.array(self._receive.getActualQ())
-            self._easing = StartEasing(stands_rad, wanted, self._settings.rate_hz)
-        self._sender.send(SERVO, self._easing.eased(wanted))
+            self._easing = Easing(1.0 / self._settings.rate_hz, EASE_S, stands_rad - wanted)
+        self._sender.send(SERVO, wanted + self._easing.next())
         if not self._sender.accepted():
             raise ControllerStopped(self._fault() or "the controller refused a set point")
 

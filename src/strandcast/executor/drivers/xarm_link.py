@@ -14,7 +14,7 @@ import numpy as np
 
 from strandcast.executor.joint_mapping import ControllerJoints
 from strandcast.executor.streaming.clock import wait_until
-from strandcast.executor.streaming.easing import StartEasing
+from strandcast.executor.streaming.easing import EASE_S, Easing
 from strandcast.executor.streaming.link import ControllerState, ControllerStopped
 
 RATE_HZ = 250.0
@@ -82,7 +82,7 @@ class XArmLink:
 
     def __init__(self, api: Any, report: RealtimeReport, count: int, joints: ControllerJoints | None) -> None:
         self._api, self._report, self._count, self._joints = api, report, count, joints
-        self._easing: StartEasing | None = None
+        self._easing: Easing | None = None
 
     def start(self) -> None:
         """Enter servo mode: from now on the arm follows each set point at once."""
@@ -123,8 +123,9 @@ class XArmLink:
         """
         wanted = q_rad if self._joints is None else self._joints.all_angles(q_rad)
         if self._easing is None:
-            self._easing = StartEasing(self._report.joints(self._count)[0], wanted, RATE_HZ)
-        self._send(self._easing.eased(wanted))
+            stands_rad = self._report.joints(self._count)[0]
+            self._easing = Easing(1.0 / RATE_HZ, EASE_S, stands_rad - wanted)
+        self._send(wanted + self._easing.next())
 
     def _send(self, q_rad: np.ndarray) -> None:
         """Send a set point without waiting for its answer, as the client's own function does.

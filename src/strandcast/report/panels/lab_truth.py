@@ -4,16 +4,16 @@ from typing import Any
 
 import numpy as np
 
+from strandcast.core.closest_approach import segment_approaches
 from strandcast.records.verdict import Verdict
 from strandcast.report.drawing import ALONG_STRING, MEASURED, SINCE_START, Drawing, new_figure
-from strandcast.report.measures import path_distance_m, rms
+from strandcast.report.measures import rms, target_ends_m
 from strandcast.report.numbers import millimetres, milliseconds, scaled
 from strandcast.report.panels.content import PanelContent, Table
 from strandcast.report.panels.page_data import TrialPageData
 from strandcast.report.results import Array, TrueString
 from strandcast.report.typeset import quantity
 
-BAR_PLACES = 201  # along a bar to strike, for the true miss; chosen
 WINDOW = "from the motion’s start to 0.3 s after its end"
 COMPARED = ("miss_m", "offset_s", "drift")  # facts beside a measurement
 
@@ -86,10 +86,8 @@ def at_places(truth: TrueString, places_m: Array) -> Array:
 
 def _miss(truth: TrueString, verdict: Verdict, window_s: tuple[float, float]) -> float:
     inside = (truth.robot_time_s >= window_s[0]) & (truth.robot_time_s <= window_s[1])
-    ends = np.array(verdict.bar_m or [verdict.target()])
-    share = np.linspace(0.0, 1.0, BAR_PLACES if verdict.bar_m else 1)[:, None]
-    places = (1.0 - share) * ends[0] + share * ends[-1]
-    return float(path_distance_m(places, truth.points_m[inside, -1]).min())
+    found = segment_approaches(truth.points_m[inside, -1], target_ends_m(verdict))
+    return min(each.distance_m for each in found)
 
 
 def _length_row(given_m: float, detected_m: object, truth: TrueString) -> list[list[str]]:
