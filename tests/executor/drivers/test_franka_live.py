@@ -25,10 +25,11 @@ from strandcast.arm.load import PlanarArm, load_arm
 from strandcast.core.trajectory import JointTrajectory
 from strandcast.errors import ABORTED, ENVIRONMENT, REFUSED, STOPPED_BY_CONTROLLER, StrandcastError
 from strandcast.executor.drivers.franka import FrankaDriver
-from strandcast.executor.drivers.franka_link import START_EASE_S, FrankaLink
+from strandcast.executor.drivers.franka_link import FrankaLink
 from strandcast.executor.drivers.protocol import Recording
 from strandcast.executor.play import play
 from strandcast.executor.preflight import PlayOptions, run_preflight
+from strandcast.executor.streaming.easing import EASE_S
 from strandcast.records.joint_log import JointLog, Run, read_joint_log, read_run
 from strandcast.records.motion import Motion
 
@@ -154,7 +155,7 @@ def test_a_throw_is_played_and_the_arm_follows(arm: PlanarArm, tmp_path: Path) -
     assert (run.complete, run.status, run.driver) == (True, "ok", "franka")
     assert run.timing.rate_hz == pytest.approx(1000.0)
     assert log.time_s[-1] >= run.motion_end_s + 0.5
-    assert log.time_s[0] <= run.motion_start_s - START_EASE_S
+    assert log.time_s[0] <= run.motion_start_s - EASE_S
     asked = ~np.isnan(log.since_start_s)
     plan = Motion.read(motion).trajectory().resampled(0.001)
     k = np.round(1000 * log.since_start_s[asked]).astype(int)
@@ -168,7 +169,7 @@ def test_a_throw_is_played_and_the_arm_follows(arm: PlanarArm, tmp_path: Path) -
     table = held_still(folder / "franka.csv", rows=run.rows)
     # What the controller understood is what was sent in the cycle before, in its single precision.
     asked = np.array([[float(row[f"q_d{j}_rad"]) for j in (2, 4, 6)] for row in table])[: run.rows]
-    eased = log.time_s > log.time_s[0] + START_EASE_S + 0.01
+    eased = log.time_s > log.time_s[0] + EASE_S + 0.01
     steady = eased[1:] & (np.diff(log.time_s) < 0.0015)
     assert np.quantile(np.abs(asked[1:] - log.q_cmd_rad[:-1])[steady], 0.9) < 1e-6
     np.testing.assert_allclose(asked[1:][steady], log.q_cmd_rad[:-1][steady], atol=2e-4)
