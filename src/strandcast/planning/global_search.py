@@ -115,7 +115,7 @@ def screen(given: SearchInputs, count: int) -> tuple[list[Curve], int]:
         batch = packed([drawn[k] for k in members])
         return motion_residuals(task, strings, given.conditions, batch).cost_m
 
-    least, costs = np.empty(len(drawn)), np.full(len(drawn), np.inf)
+    least, costs = np.full((2, len(drawn)), np.inf)
     for k in range(0, len(drawn), BATCH):
         each = np.arange(k, min(k + BATCH, len(drawn)))
         # The cost is a mean over strings, in part a root mean square: with all of them it is at least this.
