@@ -40,7 +40,7 @@ log = logging.getLogger(__name__)
 
 
 class Commands(TyperGroup):
-    """Commands whose help lists them by panel, in plain text: importing rich would take most of its time."""
+    """Commands that their help lists by panel, in plain text: importing rich would take most of its time."""
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:
         """Write a section of commands for each panel."""
@@ -102,7 +102,7 @@ def _named_command() -> str:
 
 
 class PlainCommand(TyperCommand):
-    """A command whose help names no Python types of its arguments, `<str>`."""
+    """A command, without Python types of its arguments (`<str>`) in its help."""
 
     def get_params(self, ctx: Any) -> Any:
         """Return the parameters, arguments without a type to show."""
