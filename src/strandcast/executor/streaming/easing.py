@@ -1,4 +1,4 @@
-"""Set points that begin where the arm stands: a controller that follows them at once would jerk at a step."""
+"""Set points that begin where the arm is: a controller that follows them at once would jerk at a step."""
 
 from typing import Any
 
