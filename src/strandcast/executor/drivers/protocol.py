@@ -78,6 +78,9 @@ class Recording:
 class Driver(Protocol):
     """An arm that can play a motion.
 
+    Where a controller has limits of its own, a method `check` of the command refuses what is beyond them,
+    before anything is sent.
+
     Attributes
     ----------
     name
