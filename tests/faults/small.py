@@ -61,7 +61,6 @@ JOBS: tuple[Job, ...] = (
     ("ingest", (1,)),
     ("track", (1,)),
     ("reconstruct", (1,)),
-    ("clip", (1,)),
     ("align", (1,)),
     ("score", (1,)),
     ("estimate", (1,)),

@@ -196,13 +196,12 @@ def test_a_full_disk_of_temporary_files_is_named_while_a_video_is_tracked(
     code = f"""
 import numpy as np
 from strandcast.core.pose import Pose
-from strandcast.tracking import crops
+from strandcast.tracking.crops import Crops
 from strandcast.tracking.pixel_map import PixelMap
-crops.MEMORY_BYTES = 0
 corners = 700.0 * np.stack(np.meshgrid([0.0, 1.0, 2.0], [0.0, 1.0, 2.0]), axis=2)
-with crops.Crops(PixelMap(np.zeros(2), 1.0, corners, 1 / 700), 1.0) as kept:
-    kept.keep(np.ones(2 * ({side_px},), np.uint8), Pose(np.ones(2), np.zeros(())))
-    kept.at(0)
+kept = Crops(PixelMap(np.zeros(2), 1.0, corners, 1 / 700), 1.0)
+kept.keep(np.ones(2 * ({side_px},), np.uint8), Pose(np.ones(2), np.zeros(())))
+kept.at(0)
 """
     found = run_mounted(small_disk(tmp_path, size), code, TMPDIR=str(tmp_path))
     assert f"SC-R041 ERROR  {tmp_path}: temporary files cannot be written (No space left on device; " in found

@@ -34,7 +34,6 @@ set-resources:
   ingest: {mem_mb: 150 * attempt ** 3}
   track: {mem_mb: 150 * attempt ** 3}
   reconstruct: {mem_mb: 150 * attempt ** 3}
-  clip: {mem_mb: 150 * attempt ** 3}
   align: {mem_mb: 150 * attempt ** 3}
   score: {mem_mb: 150 * attempt ** 3}
 """
@@ -64,7 +63,7 @@ def local(tmp_path_factory) -> Path:
         for file in [raw / file for file in recording] if name == "rig" else supplied:
             shutil.copy(file, folder)
     shutil.copytree(root / "data" / NAME / "calibration", root / "data" / "rig" / "calibration")
-    of_rig = ("calibrate", "ingest", "track", "reconstruct", "clip", "align", "score", "estimate")
+    of_rig = ("calibrate", "ingest", "track", "reconstruct", "align", "score", "estimate")
     jobs = [["register_motion", "rig", 1], *chain("rig", *of_rig), ["plan", "rig", 2]]
     jobs += [["report", "rig", 1], ["summary", "rig", 0, [1]]]
     for name in STRINGS:

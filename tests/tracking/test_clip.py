@@ -2,7 +2,6 @@
 
 import base64
 import io
-from dataclasses import replace
 from pathlib import Path
 
 import av
@@ -10,23 +9,26 @@ import numpy as np
 import pytest
 
 from strandcast.records.clip import Clip
-from strandcast.records.track import Track
 from strandcast.tracking import clip as clips
-from strandcast.tracking.clip import even_size, make_clip, strip_frames, throw_frames
+from strandcast.tracking.clip import (
+    decoded_small,
+    even_size,
+    make_clip,
+    strip_frames,
+    swept_box_px,
+    throw_frames,
+)
+from strandcast.tracking.crops import SmallFrames
 from strandcast.video.ingest import inspect_video
 from strandcast.video.small import small_video
 
 RATE_HZ, FRAMES = 100.0, 120
 
 
-def still_then_moved() -> Track:
-    """Return a hand that moves by 0.1 m from frame 20.5 to 60.5, and a tip 0.2 m below it."""
-    frame = np.arange(FRAMES, dtype=np.int32)
-    x_m = 0.1 * np.clip((frame - 20.5) / 40, 0.0, 1.0)
-    points_m = np.stack([np.column_stack([x_m, np.full(FRAMES, y)]) for y in (0.5, 0.3)], axis=1)
-    return Track(
-        frame, frame / RATE_HZ, points_m, np.full((FRAMES, 2), 1e-3), np.zeros((FRAMES, 2), np.int32)
-    )
+def still_then_moved() -> np.ndarray:
+    """Return points (F, 2, 2): a hand that moves by 0.1 m from frame 20.5 to 60.5, a tip 0.2 m below it."""
+    x_m = 0.1 * np.clip((np.arange(FRAMES) - 20.5) / 40, 0.0, 1.0)
+    return np.stack([np.column_stack([x_m, np.full(FRAMES, y)]) for y in (0.5, 0.3)], axis=1)
 
 
 def test_the_film_holds_the_motion_and_the_time_in_which_the_tip_may_still_hit(facts) -> None:
@@ -35,39 +37,54 @@ def test_the_film_holds_the_motion_and_the_time_in_which_the_tip_may_still_hit(f
     assert last == 58 + round(0.15 * (58 - 23)) + 30  # 15 % of the motion, and 0.3 s
 
 
-def test_a_long_film_leaves_out_frames_evenly(film, facts, camera, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_long_film_leaves_out_frames_evenly(frames, facts, camera, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(clips, "MOST_FRAMES", 30)
-    made = make_clip(film, facts, still_then_moved(), camera, np.array([0.1, 0.3]))
+    made = make_clip(frames, facts, still_then_moved(), camera, np.array([0.1, 0.3]))
     assert made["step"] == 3
     assert made["frames"] == len(numbers_in(made["mp4"])) == 24
     assert numbers_in(made["mp4"]) == list(range(23, 23 + 3 * 24, 3))
 
 
-def test_every_frame_is_the_cameras_and_the_bytes_are_the_same_again(film, facts, camera) -> None:
-    made = make_clip(film, facts, still_then_moved(), camera, np.array([0.1, 0.3]))
+def test_every_frame_is_the_cameras_and_the_bytes_are_the_same_again(frames, facts, camera) -> None:
+    made = make_clip(frames, facts, still_then_moved(), camera, np.array([0.1, 0.3]))
     assert numbers_in(made["mp4"]) == list(range(23, 23 + made["frames"]))
-    assert make_clip(film, facts, still_then_moved(), camera, np.array([0.1, 0.3])) == made
+    assert make_clip(frames, facts, still_then_moved(), camera, np.array([0.1, 0.3])) == made
     Clip(experiment="e", trial=1, **made)
 
 
 def test_the_strip_holds_the_frame_nearest_to_the_target() -> None:
-    track = still_then_moved()
-    frames = strip_frames(track, np.arange(20, 90), np.array([0.0487, 0.3]))
+    points_m = still_then_moved()
+    frames = strip_frames(points_m, np.arange(20, 90), np.array([0.0487, 0.3]))
     assert 40 in frames
     assert len(frames) <= 12
-    unseen = replace(track, points_m=np.where([[[False], [True]]], np.nan, track.points_m))
-    assert {20, 89} <= strip_frames(unseen, np.arange(20, 90), np.array([0.0487, 0.3]))
+    unseen_m = np.where([[False], [True]], np.nan, points_m)
+    assert {20, 89} <= strip_frames(unseen_m, np.arange(20, 90), np.array([0.0487, 0.3]))
 
 
-def test_without_a_target_the_film_shows_what_the_string_sweeps(film, facts, camera) -> None:
+def test_without_a_target_the_film_shows_what_the_string_sweeps(frames, facts, camera) -> None:
     track = still_then_moved()
-    swept, aimed = (make_clip(film, facts, track, camera, aim) for aim in (None, np.array([0.1, 0.3])))
+    swept, aimed = (make_clip(frames, facts, track, camera, aim) for aim in (None, np.array([0.1, 0.3])))
     assert swept["frames"] == aimed["frames"]
     assert swept["box_px"] == aimed["box_px"]  # the tip ends at that target: the box needs nothing more
     assert len(swept["strip"]) <= 12
     instants = strip_frames(track, np.arange(20, 90), None)
     assert 23 in instants  # even along the tip's path, from its first place on
     assert len(instants) == 12
+
+
+def test_a_large_film_is_kept_smaller_and_its_box_is_in_the_cameras_pixels(scene) -> None:
+    small = SmallFrames(2560, 1441)
+    pictures = np.zeros((2, 1441, 2560), np.uint8)
+    pictures[1, 600:660, 900:960] = 240
+    for picture in pictures:
+        small.keep(picture)
+    assert (small.factor, small.width_px, small.height_px) == (3, 853, 480)
+    assert np.all(small.at(1)[200:220, 300:320] == 240)
+    assert np.count_nonzero(small.at(1)) == 400
+    camera = scene.flat_camera()
+    points_m = still_then_moved()
+    alone, smaller = (swept_box_px(points_m, camera, None, factor) for factor in (1, 3))
+    assert np.abs(3 * np.array(smaller) - alone).max() <= 9
 
 
 def test_sides_are_even_and_never_enlarged() -> None:
@@ -99,6 +116,11 @@ def film(tmp_path_factory: pytest.TempPathFactory) -> Path:
         )
     )
     return path
+
+
+@pytest.fixture(scope="module")
+def frames(film: Path, facts) -> SmallFrames:
+    return decoded_small(film, facts)
 
 
 @pytest.fixture(scope="module")

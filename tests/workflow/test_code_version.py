@@ -83,7 +83,7 @@ def test_a_new_target_reads_no_film_again_of_a_throw_whose_motion_is_known(proje
     mine = demo.settings.model_copy(update={"lab": None})
     context = replace(demo, settings=mine, folder=ExperimentFolder(tmp_path, "demo"))
     aimed = {"lab_calibrate", "lab_rehearse", "lab_throw", "lab_capture", "estimate"} | SCORED
-    assert changed_by(context, target_m=(0.4, 0.6)) == {"track", "clip"} | aimed
+    assert changed_by(context, target_m=(0.4, 0.6)) == {"track"} | aimed
     motion = context.folder.trial(1).data / "motion.json"
     motion.parent.mkdir(parents=True)
     motion.touch()

@@ -42,11 +42,11 @@ def test_jobs_run_finish_and_fail():
 
 def test_of_a_group_on_a_cluster_one_job_fails_and_none_once_it_was_repeated():
     state = RunState()
-    track, _ = [state.take(begins(number, rule)) for number, rule in ((4, "track"), (5, "clip"))]
+    track, _ = [state.take(begins(number, rule)) for number, rule in ((4, "track"), (5, "align"))]
     group = {"event": "group_error", "failed": [4], "stopped": [5], "log": ["slurm/7.log"]}
     assert state.take(group) is track
     assert (state.running, state.failed, track.log) == ({}, [track], "slurm/7.log")
-    for number, rule in ((4, "track"), (5, "clip")):
+    for number, rule in ((4, "track"), (5, "align")):
         state.take(begins(number, rule))
         state.take({"event": "job_finished", "id": number})
     assert (state.running, state.failed) == ({}, [])
@@ -55,7 +55,7 @@ def test_of_a_group_on_a_cluster_one_job_fails_and_none_once_it_was_repeated():
 def test_the_log_of_a_group_says_which_of_its_jobs_failed(tmp_path):
     log = tmp_path / "7.log"
     members = [
-        {"jobid": number, "rule_name": rule} for number, rule in ((4, "ingest"), (5, "track"), (6, "clip"))
+        {"jobid": number, "rule_name": rule} for number, rule in ((4, "ingest"), (5, "track"), (6, "align"))
     ]
     record = SimpleNamespace(job_error_info=members, aux_logs=[str(log)])
     killed = "error: StepId=7.0 exceeded memory limit (2 > 1), being killed\n"

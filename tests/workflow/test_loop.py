@@ -435,7 +435,7 @@ def test_recordings_of_a_real_rig_give_a_report_and_the_next_motion(rig):
 AFTER_PLAN = {"plan", "report", "summary"}
 AFTER_ESTIMATE = AFTER_PLAN | {"estimate"}
 AFTER_ALIGN = AFTER_ESTIMATE | {"align", "score"}
-AFTER_TRACK = AFTER_ALIGN | {"track", "reconstruct", "clip"}
+AFTER_TRACK = AFTER_ALIGN | {"track", "reconstruct"}
 
 
 @pytest.mark.parametrize(

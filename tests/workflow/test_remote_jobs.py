@@ -24,7 +24,6 @@ JOBS = {
     "ingest": [f"{LAB},trial=01", f"{RIG},trial=01"],
     "track": [f"{LAB},trial=01", f"{RIG},trial=01"],
     "reconstruct": [f"{LAB},trial=01", f"{RIG},trial=01"],
-    "clip": [f"{LAB},trial=01", f"{RIG},trial=01"],
     "align": [f"{LAB},trial=01", f"{RIG},trial=01"],
     "register_track": [f"{MOCAP},trial=01", f"{SPACE},trial=02"],
     "register_motion": [f"{RIG},trial=01", f"{MOCAP},trial=01"],

@@ -12,7 +12,7 @@ from strandcast.workflow.runner import RunOptions, command, run_experiments
 
 QUEUE = """\
 7|PENDING|{root}|rule_rope_estimate_plan_report_trial|launch failed requeued held
-8|PENDING|{root}|rule_rope.throws_align_clip_ingest|Priority
+8|PENDING|{root}|rule_rope.throws_align_ingest_track|Priority
 9|PENDING|{root}|rule_rope_2_estimate|JobHeldUser
 10|RUNNING|{root}|rule_calibrate_wildcards_silk_main|None
 11|PENDING|/elsewhere|rule_rope_estimate|JobHeldAdmin

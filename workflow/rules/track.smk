@@ -1,7 +1,7 @@
-"""The one decoding pass: string and hand markers in pixels, picture of the throw.
+"""The one decoding pass: string and hand markers in pixels, picture and film of the throw.
 
 REQUIRED INPUTS: the trial's manifest (and the video it describes), results/<experiment>/cameras/*.json
-OUTPUTS:         results/<experiment>/trial-NN/{observations.parquet, track.json, strobe.webp}
+OUTPUTS:         results/<experiment>/trial-NN/{observations.parquet, track.json, strobe.webp, clip.json}
 """
 
 

@@ -29,7 +29,6 @@ TRIAL_STAGES = {
     "ingest": "Hash and check the raw files of a trial.",
     "track": "Track the string of a trial as mass points.",
     "reconstruct": "Reconstruct the track of a trial in metres from its detections.",
-    "clip": "Cut the film of a trial's throw for its page.",
     "align": "Align the camera's clock with the robot's.",
     "register_track": "Register a track and an alignment that were measured elsewhere.",
     "register_motion": "Register the motion that a real arm has played as the trial's motion.",

@@ -175,22 +175,20 @@ def _tracked(
     settings, finder = TrackSettings(polarity=known.polarity), BothEnds(ends)
     extent = box_around(list(ends[0].markers.values())) if isinstance(ends[0], HandFinder) else np.zeros(4)
     exposure_s = known.exposure_s or EXPOSURE_SHARE / facts.frame_rate_hz
-    with Crops(tabulate(camera, camera.string_offset_m), CROP_LENGTHS * NOMINAL_M) as crops:
-        decoded = decode(scene.file, facts, finder, crops)
-        if not any(decoded.hands):
-            raise not_held(scene, "what holds it is found in no frame")
-        background = scene_background(decoded.samples, None).picture
-        background = without_resting_string(background, scene.seen)
-        hand = bridge_hand(time_s, decoded.hands)
-        given = _given_places(scene, finder.far_m, rows, known.points)
-        frames = StringFrames(crops, np.ascontiguousarray(background), hand, time_s, extent, given=given)
-        try:
-            string = track_string(
-                frames, StringHint(NOMINAL_M, known.points), settings, exposure_s, scene.video
-            )
-        except StrandcastError as problem:
-            raise not_held(scene, problem.what) from None
-        points, sigma, flags = assemble_points(time_s, hand, string.points, known.points)
+    crops = Crops(tabulate(camera, camera.string_offset_m), CROP_LENGTHS * NOMINAL_M)
+    decoded = decode(scene.file, facts, finder, crops)
+    if not any(decoded.hands):
+        raise not_held(scene, "what holds it is found in no frame")
+    background = scene_background(decoded.samples, None).picture
+    background = without_resting_string(background, scene.seen)
+    hand = bridge_hand(time_s, decoded.hands)
+    given = _given_places(scene, finder.far_m, rows, known.points)
+    frames = StringFrames(crops, np.ascontiguousarray(background), hand, time_s, extent, given=given)
+    try:
+        string = track_string(frames, StringHint(NOMINAL_M, known.points), settings, exposure_s, scene.video)
+    except StrandcastError as problem:
+        raise not_held(scene, problem.what) from None
+    points, sigma, flags = assemble_points(time_s, hand, string.points, known.points)
     if finder.far_m:
         points[:, -1], flags[:, -1] = finder.far_m, hand.flags
         sigma[:, -1] = SIGMA_PX * camera.scale_m_per_px

@@ -143,6 +143,7 @@ _DECLARED = (
             "observations": TRIAL + "observations.parquet",
             "summary": TRIAL + "track.json",
             "strobe": TRIAL + "strobe.webp",
+            "clip": TRIAL + "clip.json",
         },
         settings=(
             *("string", "track", "cameras.*.exposure_s"),
@@ -155,18 +156,6 @@ _DECLARED = (
         "reconstruct",
         inputs={"observations": results(this, "observations.parquet"), "cameras": files.cameras},
         outputs={"track": TRIAL + "track.parquet", "markers": TRIAL + "markers.parquet"},
-    ),
-    Stage(
-        "clip",
-        inputs={
-            "manifest": results(this, "manifest.json"),
-            "cameras": files.cameras,
-            "track": results(this, "track.parquet"),
-            "summary": results(this, "track.json"),
-        },
-        outputs={"clip": TRIAL + "clip.json"},
-        without_motion=("target_m",),
-        may_read={"video": files.video},  # the manifest holds its hash
     ),
     Stage(
         "align",

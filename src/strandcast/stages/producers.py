@@ -11,7 +11,7 @@ from strandcast.stages.context import Context
 from strandcast.stages.declarations import STAGES
 from strandcast.stages.job import Files, Job
 
-BY_CAMERA = ("ingest", "track", "reconstruct", "clip", "align")  # a supplied track needs none of them
+BY_CAMERA = ("ingest", "track", "reconstruct", "align")  # a supplied track needs none of them
 
 
 class Step(NamedTuple):

@@ -1,4 +1,4 @@
-"""Video to detections in pixels: observations.parquet, track.json, strobe.webp."""
+"""Video to detections in pixels, and pictures: observations.parquet, track.json, strobe.webp, clip.json."""
 
 from pathlib import Path
 
@@ -8,6 +8,7 @@ import numpy as np
 from strandcast.arm.load import PlanarArm, load_arm
 from strandcast.camera.picture_file import write_picture
 from strandcast.records.camera import Camera
+from strandcast.records.clip import Clip
 from strandcast.records.lineage import note_picture
 from strandcast.records.manifest import Manifest
 from strandcast.records.observations import MarkerShape, write_observations
@@ -15,6 +16,7 @@ from strandcast.records.track import TrackSummary
 from strandcast.stages.context import Context, aimed_at, free_length_m
 from strandcast.stages.job import Files, Job
 from strandcast.stages.photos import given_background
+from strandcast.tracking.clip import decoded_small, make_clip
 from strandcast.tracking.observe import observe
 from strandcast.tracking.registry import track
 from strandcast.tracking.result import Tracked
@@ -35,6 +37,9 @@ def run(job: Job, files: Files) -> None:
     shapes = {marker.id: MarkerShape(marker.size_m, marker.offset_m) for marker in arm.markers}
     observations = observe(tracked, camera, context.settings.camera_name, shapes)
     write_observations(files.output("observations"), [observations])
+    small = tracked.small_frames or decoded_small(video, manifest.video)
+    clip = make_clip(small, manifest.video, tracked.points_m, camera, aimed_at(context, manifest))
+    Clip(experiment=context.name, trial=job.trial, **clip).write(files.output("clip"))
     write_picture(files.output("strobe"), cv2.cvtColor(tracked.strobe, cv2.COLOR_RGB2BGR), WEBP_QUALITY)
     note_picture(files.output("strobe"))
     summary = _summary(job, tracked, manifest, free_length_m(context, arm.clamp.clamped_length_m))

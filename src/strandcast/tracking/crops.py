@@ -1,7 +1,8 @@
-"""The part of each frame that the string can reach, kept after decoding: in memory, then in a file.
+"""What is kept of each frame after decoding, in temporary files.
 
 The hand is found while frames are decoded, but the background is known only afterwards; the string is
-searched in these crops.
+searched in crops around the hand. What the string sweeps is known later still; the film on the page is cut
+from small frames.
 """
 
 from __future__ import annotations
@@ -9,16 +10,72 @@ from __future__ import annotations
 import os
 from contextlib import suppress
 from dataclasses import dataclass
-from types import TracebackType
 from typing import IO
 
+import cv2
 import numpy as np
 
+from strandcast.camera.markers import eight_bit
 from strandcast.core.pose import Pose
 from strandcast.records.files import no_scratch, open_scratch
 from strandcast.tracking.pixel_map import PixelMap, to_pixel
 
-MEMORY_BYTES = 150e6  # chosen: beyond this, crops go to a file
+SMALL_PX = 1024  # chosen: the longest side of a small frame
+
+
+class KeptPixels:
+    """Pictures in a file that disappears with this object. Several threads may read them at a time."""
+
+    def __init__(self) -> None:
+        self._file: IO[bytes] | None = None
+        self._filled = 0
+
+    def __del__(self) -> None:
+        if self._file is not None:
+            with suppress(OSError):  # what could not be written is needed no longer
+                self._file.close()
+
+    def put(self, picture: np.ndarray) -> int:
+        """Keep a picture, and return its place."""
+        if self._file is None:
+            self._file = open_scratch()
+        place = self._filled
+        try:
+            self._filled += self._file.write(np.ascontiguousarray(picture).data)
+        except OSError as error:
+            raise no_scratch(error) from error
+        return place
+
+    def get(self, place: int, shape: tuple[int, int], dtype: np.dtype) -> np.ndarray:
+        """Return a picture by its place."""
+        assert self._file is not None
+        try:
+            self._file.flush()
+        except OSError as error:
+            raise no_scratch(error) from error
+        data = bytearray(os.pread(self._file.fileno(), shape[0] * shape[1] * dtype.itemsize, place))
+        return np.frombuffer(data, dtype).reshape(shape)
+
+
+class SmallFrames:
+    """Whole frames of a video, smaller by a whole factor, in 8 bits."""
+
+    def __init__(self, width_px: int, height_px: int) -> None:
+        self.factor = -(-max(width_px, height_px) // SMALL_PX)
+        self.width_px, self.height_px = width_px // self.factor, height_px // self.factor
+        self._pixels = KeptPixels()
+        self._places: list[int] = []
+
+    def keep(self, image: np.ndarray) -> None:
+        """Keep the next frame; each pixel is the mean of whole ones."""
+        grey = eight_bit(image[: self.height_px * self.factor, : self.width_px * self.factor])
+        if self.factor > 1:
+            grey = cv2.resize(grey, (self.width_px, self.height_px), interpolation=cv2.INTER_AREA)
+        self._places.append(self._pixels.put(grey))
+
+    def at(self, index: int) -> np.ndarray:
+        """Return a frame (height, width) uint8."""
+        return self._pixels.get(self._places[index], (self.height_px, self.width_px), np.dtype(np.uint8))
 
 
 @dataclass(frozen=True)
@@ -29,30 +86,18 @@ class Crop:
     top: int
     shape: tuple[int, int]
     dtype: np.dtype
-    data: np.ndarray | int  # the pixels, or their offset in the file
+    place: int
 
 
 class Crops:
-    """Crops of successive frames around the hand. Several threads may read them at a time."""
+    """Crops of successive frames around the hand."""
 
     def __init__(self, plane: PixelMap, reach_m: float) -> None:
         self.plane = plane
         self.reach_px = int(np.ceil(reach_m / plane.metre_per_pixel))
+        self._pixels = KeptPixels()
         self._kept: list[Crop | None] = []
-        self._bytes = 0
-        self._file: IO[bytes] | None = None
-        self._filled = 0
         self._hand: Pose | None = None
-
-    def __enter__(self) -> Crops:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        if self._file is not None:
-            with suppress(OSError):  # what could not be written is needed no longer
-                self._file.close()
 
     def __len__(self) -> int:
         """Return the number of frames."""
@@ -71,34 +116,11 @@ class Crops:
             self._kept.append(None)
             return
         shape = (crop.shape[0], crop.shape[1])
-        self._kept.append(Crop(left, top, shape, crop.dtype, self._store(crop)))
-
-    def _store(self, crop: np.ndarray) -> np.ndarray | int:
-        """Return a copy while there is room in memory, then the offset in the scratch file."""
-        self._bytes += crop.nbytes
-        if self._bytes <= MEMORY_BYTES:
-            return crop.copy()
-        if self._file is None:
-            self._file = open_scratch()
-        place = self._filled
-        try:
-            self._filled += self._file.write(np.ascontiguousarray(crop).data)
-        except OSError as error:
-            raise no_scratch(error) from error
-        return place
+        self._kept.append(Crop(left, top, shape, crop.dtype, self._pixels.put(crop)))
 
     def at(self, index: int) -> tuple[np.ndarray, int, int] | None:
         """Return the crop of a frame, and the left and top of its first pixel in the frame; or None."""
-        kept = self._kept[index]
-        if kept is None:
+        crop = self._kept[index]
+        if crop is None:
             return None
-        if isinstance(kept.data, np.ndarray):
-            return kept.data, kept.left, kept.top
-        assert self._file is not None
-        try:
-            self._file.flush()
-        except OSError as error:
-            raise no_scratch(error) from error
-        count = kept.shape[0] * kept.shape[1] * kept.dtype.itemsize
-        data = bytearray(os.pread(self._file.fileno(), count, kept.data))
-        return np.frombuffer(data, kept.dtype).reshape(kept.shape), kept.left, kept.top
+        return self._pixels.get(crop.place, crop.shape, crop.dtype), crop.left, crop.top

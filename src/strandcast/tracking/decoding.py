@@ -12,7 +12,7 @@ from strandcast.progress import Progress
 from strandcast.records.camera import Camera
 from strandcast.records.manifest import VideoFacts
 from strandcast.tracking.background import Samples, learn_background
-from strandcast.tracking.crops import Crops
+from strandcast.tracking.crops import Crops, SmallFrames
 from strandcast.tracking.events.led import LedMonitor
 from strandcast.tracking.hand.finder import HandDetection
 from strandcast.tracking.preconditions import check_count, check_pixel_aspect, open_ingested
@@ -45,6 +45,7 @@ def decode(
     finder: HeldEndFinder,
     crops: Crops,
     led_monitor: LedMonitor | None = None,
+    small: SmallFrames | None = None,
 ) -> Decoded:
     """Decode a video once, and keep the parts that later steps need.
 
@@ -64,6 +65,8 @@ def decode(
             samples.offer(index, image)
             hands.append(finder.find(image))
             crops.keep(image, None if hands[-1] is None else hands[-1].pose)
+            if small is not None:
+                small.keep(image)
             if led_monitor is not None:
                 led_monitor.look(image)
             progress(index + 1)

@@ -7,6 +7,7 @@ import numpy as np
 from strandcast.records.record import RigFault
 from strandcast.records.track import Contact, DetectedLed, DetectedTarget
 from strandcast.tracking.attachments.detect import NOTHING, Attachments
+from strandcast.tracking.crops import SmallFrames
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,6 +28,7 @@ class Tracked:
     target: DetectedTarget | None = None
     contact: Contact | None = None
     led: DetectedLed | None = None
+    small_frames: SmallFrames | None = None  # for the film on the page, which decodes the video if None
 
     @property
     def decoded_frames(self) -> int:

@@ -13,7 +13,7 @@ from strandcast.tracking.chain.bridge import bridge_points
 from strandcast.tracking.chain.frames import StringFrames
 from strandcast.tracking.chain.point_uncertainty import FramePoints
 from strandcast.tracking.chain.string_track import StringTrack, track_string
-from strandcast.tracking.crops import Crops
+from strandcast.tracking.crops import Crops, SmallFrames
 from strandcast.tracking.decoding import Background, decode, scene_background
 from strandcast.tracking.events.contact import TipPath, detect_contact
 from strandcast.tracking.events.frame_rate import changing_rate_warnings
@@ -64,25 +64,26 @@ def track_video(given: TrackerInput, settings: TrackSettings) -> Tracked:
     plane = tabulate(camera, camera.string_offset_m)
     finder = HandFinder(camera, given.markers, given.marker_dictionary, camera.string_offset_m)
     led_monitor = None if given.led is None else LedMonitor(given.led, camera)
-    with Crops(plane, CROP_LENGTHS * given.free_length_m) as crops:
-        decoded = decode(given.video, given.facts, finder, crops, led_monitor)
-        samples = decoded.samples
-        background = scene_background(samples, given.background)
-        check_hand(decoded.hands, finder, given.video)
-        hand = bridge_hand(time_s, decoded.hands)
-        extent = box_around(given.markers)
-        frames = StringFrames(crops, np.ascontiguousarray(background.picture), hand, time_s, extent)
-        string = track_string(frames, given.hint, settings, exposure_s, given.video)
-        points_m, sigma_m, flags = assemble_points(time_s, hand, string.points, given.hint.points)
-        sampled = np.asarray(samples.indices)
-        instants = choose_instants(sampled, points_m)
-        if given.target_m is not None:
-            closest = closest_frame(time_s, points_m, flags[:, -1] == 0, given.target_m)
-            instants = with_instant(instants, closest)
-        thrown = [
-            frame_picture(k, sampled, samples.pictures, crops, background.picture) for k in instants.tolist()
-        ]
-        out = left_plane(frames, string, camera)
+    crops = Crops(plane, CROP_LENGTHS * given.free_length_m)
+    small = SmallFrames(given.facts.width_px, given.facts.height_px)
+    decoded = decode(given.video, given.facts, finder, crops, led_monitor, small)
+    samples = decoded.samples
+    background = scene_background(samples, given.background)
+    check_hand(decoded.hands, finder, given.video)
+    hand = bridge_hand(time_s, decoded.hands)
+    extent = box_around(given.markers)
+    frames = StringFrames(crops, np.ascontiguousarray(background.picture), hand, time_s, extent)
+    string = track_string(frames, given.hint, settings, exposure_s, given.video)
+    points_m, sigma_m, flags = assemble_points(time_s, hand, string.points, given.hint.points)
+    sampled = np.asarray(samples.indices)
+    instants = choose_instants(sampled, points_m)
+    if given.target_m is not None:
+        closest = closest_frame(time_s, points_m, flags[:, -1] == 0, given.target_m)
+        instants = with_instant(instants, closest)
+    thrown = [
+        frame_picture(k, sampled, samples.pictures, crops, background.picture) for k in instants.tolist()
+    ]
+    out = left_plane(frames, string, camera)
     moved = movement_warnings(camera, samples, given.background, given.video)
     tilts = plane_tilts(camera, finder, decoded.hands)
     tilted = [(tilt.cost_m, found) for tilt in tilts if (found := check_plane_tilt(tilt, given.video))]
@@ -133,6 +134,7 @@ def track_video(given: TrackerInput, settings: TrackSettings) -> Tracked:
         target=target,
         contact=detect_contact(tip, target, camera, samples),
         led=led,
+        small_frames=small,
     )
 
 

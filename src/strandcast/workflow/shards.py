@@ -45,7 +45,7 @@ def shard_of(stage: str, name: str, trial: int = 0) -> str | None:
 def memory_mb(stage: str, name: str, trial: int = 0, attempt: int = 1) -> int:
     """Return the memory that a job asks for [MB]: by the size of its video, doubled after each failure."""
     least = TRACK_PEAK_MB if stage == "track" else PEAK_MB
-    more = PER_VIDEO_MB * video_mb(name, trial) if stage in ("track", "clip") else 0.0
+    more = PER_VIDEO_MB * video_mb(name, trial) if stage == "track" else 0.0
     return math.ceil(least + more) << (attempt - 1)
 
 

@@ -65,14 +65,14 @@ def test_a_stage_costs_what_it_and_its_processes_spend_without_imports() -> None
 
     found = stages_s(
         [
-            process(2.0, "-m", "strandcast", "stage", "clip", "lace", "1"),
+            process(2.0, "-m", "strandcast", "stage", "align", "lace", "1"),
             process(5.0, "-m", "strandcast", "track", "lace", "1"),
             process(5.0, "-m", "strandcast", "track", "lace", "2"),
             process(1.0, "-m", "strandcast.video.decoding_process", nested=True),
             process(9.0, "-m", "strandcast.cli.serve_stages", "8"),
         ]
     )
-    assert list(found.items()) == [("track", pytest.approx(11.0)), ("clip", pytest.approx(2.5))]
+    assert list(found.items()) == [("track", pytest.approx(11.0)), ("align", pytest.approx(2.5))]
 
 
 def test_a_figure_stands_beside_its_peer() -> None:

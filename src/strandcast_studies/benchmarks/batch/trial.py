@@ -77,10 +77,7 @@ def measured_trial(root: Path, donor: Path) -> list[MeasuredCost]:
         MeasuredCost("recorded trial", first.cpu_s, "CPU s"),
         *(MeasuredCost(f"  {name}", seconds, "CPU s") for name, seconds in stages.items()),
         MeasuredCost("  engine, starts, imports", rest_s, "CPU s"),
-        *(
-            MeasuredCost(f"{name}, per frame", ms * stages[name], "CPU ms", *decoder)
-            for name in ("track", "clip")
-        ),
+        MeasuredCost("track and film, per frame", ms * stages["track"], "CPU ms", *decoder),
         MeasuredCost("nothing to do, one trial", again.cpu_s, "CPU s", *empty_rules(root, len(stages))),
     ]
 
