@@ -29,7 +29,6 @@ from strandcast.records.manifest import Manifest
 from strandcast.stages.context import Context
 from strandcast.stages.job import Files, Job
 from strandcast.stages.photos import given_pictures
-from strandcast.tracking.registry import TRACKERS
 from strandcast.video.isolated import probe_isolated
 from strandcast.video.reader import open_video
 
@@ -114,6 +113,8 @@ def _board_frames(path: Path) -> Iterator[tuple[str, np.ndarray]]:
 
 def _by_tracker(context: Context, files: Files) -> tuple[Camera, np.ndarray]:
     """Let the tracker find scale and origin in the film of the first trial."""
+    from strandcast.tracking.registry import TRACKERS  # heavy: not for every calibration
+
     settings = context.settings
     tracker = TRACKERS.get(settings.track.tracker, context.file)
     if tracker.calibrate is None:

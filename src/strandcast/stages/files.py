@@ -14,7 +14,7 @@ from strandcast.config.bounded import load_toml, read_bounded
 from strandcast.errors import StrandcastError
 from strandcast.records.folders import trial_folders
 from strandcast.records.listing import entries_of, file_exists, files_matching
-from strandcast.stages.context import context_of
+from strandcast.stages.context import Context, context_of
 from strandcast.stages.job import Job, Role
 
 Scope = Callable[[Job], list[int]]
@@ -178,16 +178,24 @@ def arm(job: Job) -> list[Path]:
     """Return the arm's file and its URDF."""
     path = job.context.arm_file
     try:
-        urdf = path.parent / _urdf_in(read_bounded(path))
+        urdf = path.parent / _arm_keys(read_bounded(path))["urdf"]
     # An error of the disk is raised: without its URDF, the lineage would be wrong in silence.
     except (FileNotFoundError, ValueError, KeyError, TypeError):
         return [path]  # the stage reports what is wrong with it
     return [path, urdf] if urdf.is_file() else [path]
 
 
+def has_driver(context: Context) -> bool:
+    """Whether the arm's file names a driver: without the arm itself, which takes a second to load."""
+    try:
+        return bool(_arm_keys(read_bounded(context.arm_file))["driver"]["name"])
+    except (FileNotFoundError, ValueError, KeyError, TypeError):
+        return False
+
+
 @lru_cache(maxsize=64)  # the engine asks for every trial
-def _urdf_in(arm_toml: str) -> Any:
-    return load_toml(arm_toml)["urdf"]
+def _arm_keys(arm_toml: str) -> dict[str, Any]:
+    return load_toml(arm_toml)
 
 
 PHOTO_SUFFIXES = (".jpg", ".jpeg", ".png", ".tif", ".tiff", ".bmp")

@@ -82,13 +82,11 @@ def play_command(context: Context, trial: int) -> str:
     """Return the command that throws a planned motion; exports it, if the arm has no driver."""
     if context.settings.lab is not None:
         return Step(lab_throw(context), trial).command(context.name)
-    from strandcast.arm.load import load_arm  # heavy: not for every status
-
     folder = context.folder.trial(trial)
-    motion, arm = folder.results / "motion.json", context.arm_file
-    if load_arm(arm).driver is None:
+    motion = folder.results / "motion.json"
+    if not files.has_driver(context):
         return f"strandcast export motion {shlex.quote(str(motion))} --as ros --out FILE"
-    options = [str(motion), "--arm", str(arm), "--out", str(folder.data)]
+    options = [str(motion), "--arm", str(context.arm_file), "--out", str(folder.data)]
     return shlex.join(["strandcast", "play", *options])
 
 
