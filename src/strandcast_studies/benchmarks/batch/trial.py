@@ -7,7 +7,10 @@ on other load than times of the clock. Where something comparable exists, it is 
 """
 
 import argparse
+import importlib.metadata
 import json
+import os
+import re
 import statistics
 import sys
 import tempfile
@@ -15,14 +18,19 @@ from collections import defaultdict
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from strandcast.arm.load import load_arm
 from strandcast.core.trial_names import trial_name
+from strandcast.packages import installed_version
 from strandcast.records.manifest import Manifest
 from strandcast.workflow.project import make_project
 from strandcast_studies.benchmarks.batch.accounts import accounts_of
 from strandcast_studies.benchmarks.batch.project import DONOR, record
 from strandcast_studies.benchmarks.batch.run import LARGE, Size, engine_line, run, sizes
+from strandcast_studies.benchmarks.loop.run import PROJECT
+from strandcast_studies.benchmarks.video.cases import held_out
+from strandcast_studies.benchmarks.video.scenes import ARM_FILE
 from strandcast_studies.benchmarks.video.score import cpu_s
-from strandcast_studies.benchmarks.video.speed import decode_bare
+from strandcast_studies.benchmarks.video.speed import CODECS, decode_bare, measure
 
 STRANDCAST = (sys.executable, "-m", "strandcast")
 RECORDED = "batch-001"  # the experiment that `record` makes
@@ -49,12 +57,12 @@ class MeasuredCost(NamedTuple):
 
 def measured_demo(work: Path) -> list[MeasuredCost]:
     """Run the demo in two projects, in the first without compiled kernels."""
-    # The variable would name this process's own folder of kernels.
-    elsewhere = {"XDG_CACHE_HOME": str(work / "cache"), "NUMBA_CACHE_DIR": ""}
+    # What follows finds the kernels of the first one; the variable would name this process's own folder.
+    os.environ |= {"XDG_CACHE_HOME": str(work / "cache"), "NUMBA_CACHE_DIR": ""}
     rows = []
     for name in ("cold", "second"):
         make_project(work / name)
-        spent = accounts_of([*STRANDCAST, "run", DONOR], work / name, work / "accounts.jsonl", **elsewhere)
+        spent = accounts_of([*STRANDCAST, "run", DONOR], work / name, work / "accounts.jsonl")
         rows.append(MeasuredCost(f"demo, {name}", spent.cpu_s, "CPU s"))
     return rows
 
@@ -114,6 +122,27 @@ def measured_commands(root: Path) -> list[MeasuredCost]:
     return [MeasuredCost(" ".join(words), median_s(*STRANDCAST, *words), "CPU s", *python) for words in asked]
 
 
+def measured_tracker(work: Path) -> list[MeasuredCost]:
+    """Return what a frame costs the tracker, with markers and decoding, beside decoding alone."""
+    arm = load_arm(ARM_FILE).planar()
+    rows = []
+    for codec in CODECS:
+        found = measure(held_out()[1], arm, work, codec, REPEATS)
+        peer = "the decoder alone", found.bare_cpu_ms.value
+        rows.append(MeasuredCost(f"tracker's pass, {codec.name}", found.pass_cpu_ms.value, "CPU ms", *peer))
+    return rows
+
+
+def measured_environment() -> MeasuredCost:
+    """Return the size of all packages that strandcast needs to run."""
+    lock = (PROJECT / "requirements" / "runtime.lock").read_text(encoding="utf-8")
+    names = {*re.findall(r"^([\w.-]+)==", lock, re.MULTILINE)}  # twice where a Python has another version
+    here = filter(installed_version, names)  # some are for Windows
+    paths = (Path(str(file.locate())) for name in here for file in importlib.metadata.files(name) or ())
+    size = sum(each.stat().st_size for each in paths if each.is_file())
+    return MeasuredCost("packages to run", size / 1e6, "MB")
+
+
 def measured_batch(work: Path) -> list[MeasuredCost]:
     """Return what the engine costs for a thousand trials of stages that do nothing."""
     large = run(Size(0, 0), sizes(BATCHES), work, None)["extrapolated"]
@@ -147,7 +176,11 @@ def main(arguments: list[str] | None = None) -> None:
         work = Path(folder)
         rows = [] if chosen.donor else measured_demo(work)
         rows += measured_trial(work / "trial", chosen.donor or work / "second" / "data" / DONOR)
-        rows += measured_commands(work / "trial")
+        rows += [
+            *measured_commands(work / "trial"),
+            *measured_tracker(work / "films"),
+            measured_environment(),
+        ]
         rows += [] if chosen.no_batch else measured_batch(work)
     chosen.out.parent.mkdir(parents=True, exist_ok=True)
     chosen.out.write_text(json.dumps([row._asdict() for row in rows], indent=1) + "\n", encoding="utf-8")
