@@ -72,6 +72,7 @@ def test_a_string_without_target_or_recording_is_not_asked_for_photos(root: Path
     found = check_experiment(root, "rig")
     assert found.errors + found.warnings == []
     assert "no recording yet; import one (strandcast import track)" in found.facts[0]
+    assert found.after.startswith("import track")  # a run would make an empty page
 
 
 def test_an_emptied_record_beside_the_raw_files_is_reported(root: Path) -> None:

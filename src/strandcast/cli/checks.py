@@ -38,7 +38,8 @@ def check(
         lines += [f"{name}: {wrong or 'nothing is wrong'}", *(f"  {fact}" for fact in each.facts)]
         lines += [error.message() for error in each.errors]
         lines += [warning.message("WARNING") for warning in each.warnings]
-        lines += [f"next: strandcast {'check' if each.errors else 'run'} {shlex.quote(name)}"]
+        following = "check {}" if each.errors else each.after
+        lines += [f"next: strandcast {following.format(shlex.quote(name))}"]
     data = {
         "experiments": {
             name: {

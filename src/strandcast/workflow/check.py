@@ -49,6 +49,7 @@ class Checked:
     errors: list[StrandcastError] = field(default_factory=list)
     warnings: list[StrandcastError] = field(default_factory=list)
     facts: list[str] = field(default_factory=list)
+    after: str = "run {}"  # the command, with the experiment's name
 
     def attempt(self, check: Callable[..., object], *arguments: object) -> None:
         """Run one check and keep the problems that it raises."""
@@ -169,6 +170,7 @@ def _check_arm(context: Context, found: Checked) -> None:
         return
     if settings.target_m is None and not context.folder.thrown_trials():
         found.facts.append(f"string of {string.length_m:g} m, no target and no recording yet; {IMPORT}")
+        found.after = "import track {} 1 FILE.csv"
         return
     task = task_of(context, arm)
     found.facts.append(f"string of {string.length_m:g} m as {task.model.points} points, arm {arm.name}")
