@@ -164,6 +164,22 @@ def test_readings_of_the_papers_method_are_fixed(tmp_path, caplog):
             "estimate:\n  rest_curl: false  # a chain\n  dt_s: 0.002\n",
             "estimate:\n  forces: [drag_along]  # a chain\n  dt_s: 0.002\n",
         ),
+        (
+            "lab: {noise: 2, scatter: {sway_rad: 0.02, servo_gain: 0, drawn: true}}\n",
+            "lab: {noise: {grasp_length_m: 0.004, grasp_lateral_m: 0.002, grasp_angle_rad: "
+            "0.10471975511965978, sway_rad: 0.04, sway_rad_s: 0.1, joint_zero_rad: 0.002, servo_gain: 0.0, "
+            "joint_log_rad: 0.001}, draws: unknown_rig}\n",
+        ),
+        (
+            "lab:\n  string: paper-2\n  scatter:\n    sway_rad: 0.02  # seen\n  servo: pd\n",
+            "lab:\n  string: paper-2\n  noise:\n    sway_rad: 0.02  # seen\n  servo: pd\n",
+        ),
+        (
+            "lab:\n  scatter:\n    sway_rad: 0.02\n    draws: heavy_tails\n  servo: pd\n",
+            "lab:\n  noise: {sway_rad: 0.02}\n  draws: heavy_tails\n  servo: pd\n",
+        ),
+        ("lab: {noise: 0.5, scatter: {draws: normal}}\n", "lab: {noise: 0.5, draws: normal}\n"),
+        ("lab:\n  scatter: {}\nseed: 3\n", "lab:\n  {}\nseed: 3\n"),
         ("estimate: {search: 'cma'}\r\n", "estimate: {search: thorough}\r\n"),
     ],
 )
@@ -179,10 +195,22 @@ def test_fix_writes_former_settings_as_they_are_now_and_nothing_else(tmp_path, c
     assert fix_names(file) == 0
 
 
-def test_a_force_is_not_taken_twice(tmp_path):
+@pytest.mark.parametrize(
+    ("text", "named"),
+    [
+        ("estimate: {forces: auto, marker_shift: true}\n", r"estimate\.marker_shift"),
+        (
+            "lab: {draws: normal, scatter: {draws: heavy_tails}}\n",
+            r"lab\.scatter is the old name",
+        ),
+        ("lab: {noise: {sway_rad: 0.1}, scatter: {sway_rad_s: 1}}\n", r"lab\.scatter cannot be multiplied"),
+        ("lab: {noise: {sway: 0.1}}\n", "'sway' is no size of the lab's noise; these are: grasp_length_m, "),
+    ],
+)
+def test_what_has_no_one_meaning_is_refused(tmp_path, text, named):
     file = tmp_path / "e.yaml"
-    file.write_text(HEAD + "estimate: {forces: auto, marker_shift: true}\n")
-    with pytest.raises(StrandcastError, match=r"SC-F003.*estimate\.marker_shift"):
+    file.write_text(HEAD + text)
+    with pytest.raises(StrandcastError, match=f"SC-F003.*{named}"):
         load_experiment(file)
 
 

@@ -28,11 +28,13 @@ IN_SPACE: dict[str, Any] = {
 THROWN_IN_SPACE = IN_SPACE | {"evaluations": 500, "profiles": False}
 
 
-def known_parameters(names: Iterable[str], known: Collection[str] = PARAMETERS) -> None:
-    """Refuse names that are no string parameters."""
+def known_names(
+    names: Iterable[str], known: Collection[str] = PARAMETERS, what: str = "string parameter"
+) -> None:
+    """Refuse names that are not known."""
     unknown = [name for name in names if name not in known]
     if unknown:
-        raise ValueError(f"{unknown[0]!r} is no string parameter; these are: {', '.join(known)}")
+        raise ValueError(f"{unknown[0]!r} is no {what}; these are: {', '.join(known)}")
 
 
 class EstimateSettings(Section):
@@ -158,7 +160,7 @@ class EstimateSettings(Section):
     @classmethod
     def _ranges_have_names_and_order(cls, value: Ranges) -> Ranges:
         if isinstance(value, dict):
-            known_parameters(value, (*PARAMETERS, *SPATIAL_RANGES))
+            known_names(value, (*PARAMETERS, *SPATIAL_RANGES))
             bad = [name for name, (low, high) in value.items() if not 0 < low < high]
             if bad:
                 raise ValueError(f"the range of {bad[0]} must be [least, greatest], both above 0")

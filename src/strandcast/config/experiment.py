@@ -16,7 +16,7 @@ from strandcast.config.camera import (
     each_once,
     only_camera,
 )
-from strandcast.config.estimate import EstimateSettings, known_parameters
+from strandcast.config.estimate import EstimateSettings, known_names
 from strandcast.config.lab import LabSettings
 from strandcast.config.plan import PlanSettings
 from strandcast.config.sitting import SittingSettings
@@ -142,7 +142,7 @@ class Experiment(Section):
         cls, value: StartString | KnownString | dict[str, float]
     ) -> StartString | KnownString | dict[str, float]:
         if isinstance(value, dict) and not isinstance(value.get("from"), str):
-            known_parameters(value)
+            known_names(value)
             bad = [name for name, number in value.items() if float(number) <= 0]
             if bad:
                 raise ValueError(f"{bad[0]} must be above 0")

@@ -43,21 +43,29 @@ def _edited(text: str, changes: Sequence[Change]) -> str:
     lines = text.splitlines(keepends=True)
     for change in sorted(changes, key=lambda change: (change.line, change.column), reverse=True):
         line = lines[change.line]
-        old = re.compile(rf"['\"]?\w+['\"]?(\s*:\s*){VALUE}").match(line, change.column)
+        old = re.compile(rf"['\"]?\w+['\"]?(\s*:[ \t]*){VALUE}").match(line, change.column)
         if old is None:
             continue
         before, after = line[: old.start()], line[old.end() :]
         if change.new is not None:
-            value = old[2] if change.value is None else change.value
-            lines[change.line] = f"{before}{change.new}{old[1]}{value}{after}"
+            value = f"{old[1]}{old[2]}" if change.value is None else f": {change.value}"
+            lines[change.line] = f"{before}{change.new}{value}{after}"
+            if change.value is not None and not before.strip():
+                del lines[change.line + 1 : _end_of_block(lines, change.line, len(before))]
         elif before.strip():  # within braces
             joined = before + re.sub(r"^\s*,\s*", "", after)
             lines[change.line] = re.sub(r",\s*}", "}", joined) if after.lstrip().startswith("}") else joined
         else:
-            last = change.line + 1
-            while last < len(lines) and re.match(rf"\s{{{len(before) + 1}}}", lines[last]):
-                last += 1  # of a section that was dropped
+            last = _end_of_block(lines, change.line, len(before))
             lines[change.line : last] = [f"{before}{{}}\n"] if change.leaves_none else []
     added = [f"{change.added}\n" for change in changes if change.added]
     first = next((k for k, line in enumerate(lines) if re.match(r"\w", line)), 0)
     return "".join([*lines[:first], *added, *lines[first:]])
+
+
+def _end_of_block(lines: Sequence[str], first: int, indent: int) -> int:
+    """Return the line after those of a setting that has values of its own."""
+    last = first + 1
+    while last < len(lines) and re.match(rf"\s{{{indent + 1}}}", lines[last]):
+        last += 1
+    return last

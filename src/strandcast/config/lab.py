@@ -1,10 +1,11 @@
 """`lab:` the virtual rig."""
 
 import math
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
-from pydantic import Field
+from pydantic import Field, field_validator
 
+from strandcast.config.estimate import known_names
 from strandcast.core.section import Section
 
 
@@ -49,29 +50,18 @@ class LabCamera(Section):
     )
 
 
-def _sd(default: float, what: str) -> Any:
-    return Field(default, ge=0, description=f"{what}.")
-
-
-class LabScatter(Section):
-    """How throws of one motion differ: standard deviations. The defaults, chosen, are a typical rig's."""
-
-    grasp_length_m: float = _sd(0.002, "Length of string beyond the clamp")
-    grasp_lateral_m: float = _sd(0.001, "Place of the string in the clamp")
-    grasp_angle_rad: float = _sd(math.radians(3.0), "Turn of the string in the clamp")
-    sway_rad: float = _sd(0.010, "Turn of the hanging string about the hand at the start")
-    sway_rad_s: float = _sd(0.050, "Rate of that turn")
-    joint_zero_rad: float = _sd(0.001, "Zero positions of the joints")
-    servo_gain: float = _sd(0.01, "Relative gain of the servo")
-    joint_log_rad: float = _sd(0.0005, "Noise of the logged angles")
-    draws: Literal["normal", "heavy_tails", "unknown_rig"] = Field(
-        "normal",
-        description="normal; heavy_tails: Student's t with 4 degrees of freedom; unknown_rig: sizes by name "
-        "and seed, from 0.3 to 3 times those given, and heavy tails half the time.",
-    )
-
-
-TYPICAL = LabScatter()
+# How throws of one motion differ on a typical rig: standard deviations, chosen.
+TYPICAL = {
+    "grasp_length_m": 0.002,  # length of string beyond the clamp
+    "grasp_lateral_m": 0.001,  # place of the string in the clamp
+    "grasp_angle_rad": math.radians(3.0),  # turn of the string in the clamp
+    "sway_rad": 0.010,  # turn of the hanging string about the hand at the start
+    "sway_rad_s": 0.050,  # rate of that turn
+    "joint_zero_rad": 0.001,  # zero positions of the joints
+    "servo_gain": 0.01,  # relative gain of the servo
+    "joint_log_rad": 0.0005,  # noise of the logged angles
+}
+Noise = Annotated[float, Field(ge=0, le=10)] | dict[str, Annotated[float, Field(ge=0)]]
 
 
 class LabSettings(Section):
@@ -82,14 +72,17 @@ class LabSettings(Section):
         description="paper-1 … paper-7, or values. Change it to throw another string; string.length_m "
         "must fit it.",
     )
-    noise: Annotated[float, Field(ge=0, le=10)] = Field(
+    noise: Noise = Field(
         1.0,
-        description="Scale of the throw-to-throw variation. Set it to 0 for throws that repeat exactly.",
+        description="Scale of the throw-to-throw variation, or its standard deviations by name, where not "
+        f"given those of a typical rig: {', '.join(f'{name} {sd:.2g}' for name, sd in TYPICAL.items())}. Set "
+        "it to 0 for throws that repeat exactly, or to your rig's.",
     )
-    scatter: LabScatter = Field(
-        TYPICAL,
-        description="Standard deviations between throws of one motion; the defaults are a typical rig's. "
-        "Set them to your rig's.",
+    draws: Literal["normal", "heavy_tails", "unknown_rig"] = Field(
+        "normal",
+        description="normal; heavy_tails: Student's t with 4 degrees of freedom; unknown_rig: sizes by the "
+        "experiment's name and seed, from 0.3 to 3 times those of noise, and heavy tails half the time. "
+        "Change it to test how the method fares on worse rigs.",
     )
     servo: Literal["servoj", "stiff", "pd", "soft", "weak"] = Field(
         "servoj",
@@ -106,3 +99,16 @@ class LabSettings(Section):
         description="Play the first motion with an empty clamp and plan it again; not with another "
         "start_string or the paper's planner. Set it to false to see what that is worth.",
     )
+
+    @property
+    def sizes(self) -> dict[str, float]:
+        """Standard deviations of the throw-to-throw variation, by name."""
+        if isinstance(self.noise, dict):
+            return TYPICAL | self.noise
+        return {name: self.noise * sd for name, sd in TYPICAL.items()}
+
+    @field_validator("noise")
+    @classmethod
+    def _noise_has_known_names(cls, value: Noise) -> Noise:
+        known_names(value if isinstance(value, dict) else (), TYPICAL, "size of the lab's noise")
+        return value

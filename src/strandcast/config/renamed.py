@@ -9,7 +9,7 @@ from ruamel.yaml.comments import CommentedMap
 
 from strandcast.config.align import DRIFT_SD, LATENCY_SD_S
 from strandcast.config.camera import OFFSET_SD_M
-from strandcast.config.lab import LAB_SIZE_PX
+from strandcast.config.lab import LAB_SIZE_PX, TYPICAL
 from strandcast.core.strings import FORCES
 from strandcast.errors import StrandcastError
 
@@ -58,8 +58,6 @@ OF_THE_PAPER = ("evaluation", "reading", "free_end", "joints", "paper", "w")
 RENAMED: tuple[Renamed, ...] = (
     Renamed("track.hand", "track.tracker", {"marker": "chain", "pivot": "pendulum"}),
     Renamed("schema_version", None),
-    Renamed("lab.scatter.heavy_tails", "lab.scatter.draws", {True: "heavy_tails", False: "normal"}),
-    Renamed("lab.scatter.drawn", "lab.scatter.draws", {True: "unknown_rig", False: "normal"}),
     Renamed("track.background_frames", None),
     Renamed("lab.led", None),  # the lab has one where `align.led.place_m` is
     Renamed("cameras.*.scale", None),
@@ -78,6 +76,10 @@ RENAMED: tuple[Renamed, ...] = (
     Renamed("plan.paper", None),
     Renamed("estimate.search", "estimate.search", {"cma": "thorough", "evolution": "thorough"}),
 )
+
+
+# How the draws of `lab.scatter` were said before they had one name.
+DRAWS = {"heavy_tails": "heavy_tails", "drawn": "unknown_rig"}
 
 
 class Change(NamedTuple):
@@ -114,7 +116,7 @@ def with_new_names(data: CommentedMap, file: Path) -> list[Change]:
     StrandcastError
         SC-F003 a setting is given under both names.
     """
-    asked = [*_with_method(data), *_with_forces(data, file)]
+    asked = [*_with_method(data), *_with_forces(data, file), *_with_noise(data, file)]
     changed = (
         _changed(section, change, file)
         for change in RENAMED
@@ -136,17 +138,37 @@ def _merged(data: CommentedMap, merged: Merged, file: Path) -> Iterator[Change]:
         values = [
             section.get(name, default) for name, default in zip(merged.old, merged.defaults, strict=True)
         ]
-        position, place = list(section).index(given[0]), section.lc.data[given[0]]
-        places = [section.lc.data[name] for name in given]
-        for name in given:
-            del section[name]
-        section.insert(position, merged.new, values)
-        section.lc.data[merged.new] = place
-        written = f"[{', '.join(map(str, values))}]"
-        for name, (line, column, *_) in zip(given, places, strict=True):
-            what = f"{merged.section}.{name} is now {merged.section}.{merged.new}: {written}"
-            new = merged.new if name == given[0] else None
-            yield Change(f"{what}; the next version refuses it", line, column, new, written)
+        yield from _replaced(section, merged.section, given, {merged.new: values})
+
+
+def _replaced(
+    section: CommentedMap, path: str, given: Sequence[str], new: dict[str, Any], usually: str = ""
+) -> Iterator[Change]:
+    """Write settings in the place of those given, in the line of the first; none: it is `usually` so."""
+    texts = [f"{name}: {_flow(value)}" for name, value in new.items()]
+    now = " and ".join(f"{path}.{text}" for text in texts) or usually
+    position, places = list(section).index(given[0]), [section.lc.data[name] for name in given]
+    between = ", " if section.fa.flow_style() else f"\n{' ' * places[0][1]}"
+    first, _, written = between.join(texts).partition(": ")
+    for name in given:
+        del section[name]
+    for name in reversed(new):
+        section.insert(position, name, new[name])
+        section.lc.data[name] = places[0]
+    as_it_was = all(isinstance(value, CommentedMap) for value in new.values())
+    for name, (line, column, *_) in zip(given, places, strict=True):
+        what = f"{path}.{name} {f'is now {now}' if now else 'was dropped'}; the next version refuses it"
+        is_first, is_last = bool(new) and name == given[0], not section and name == given[-1]
+        yield Change(what, line, column, first if is_first else None, None if as_it_was else written, is_last)
+
+
+def _flow(value: Any) -> str:
+    """Return a value in one line of YAML."""
+    if isinstance(value, dict):
+        return f"{{{', '.join(f'{name}: {_flow(one)}' for name, one in value.items())}}}"
+    if isinstance(value, list):
+        return f"[{', '.join(map(_flow, value))}]"
+    return "null" if value is None else str(value)
 
 
 def _with_method(data: CommentedMap) -> list[Change]:
@@ -186,18 +208,47 @@ def _with_forces(data: CommentedMap, file: Path) -> list[Change]:
             (value is True and by_itself[name] != "fitted") or (value is False and by_itself[name] != "never")
             for name, value in given.items()
         )
-        new = "forces" if differs else None
-        value = f"[{', '.join(wanted)}]" if new else "paper" if paper else "auto"
-        for name in given:
-            position, place = list(section).index(name), section.lc.data[name]
-            del section[name]
-            if new and not changes:
-                section.insert(position, new, wanted)
-                section.lc.data[new] = place
-            what = f"estimate.{name} is now estimate.forces: {value}; the next version refuses it"
-            now = None if changes else new
-            changes.append(Change(what, place[0], place[1], now, value, leaves_none=not section))
+        new = {"forces": wanted} if differs else {}
+        usually = f"estimate.forces: {'paper' if paper else 'auto'}"
+        in_order = [name for name in section if name in given]
+        changes += _replaced(section, "estimate", in_order, new, usually) if given else []
     return changes
+
+
+def _with_noise(data: CommentedMap, file: Path) -> Iterator[Change]:
+    """Write the lab's scatter, with what its noise multiplied it by, as `lab.noise` and `lab.draws`."""
+    for lab in _sections(data, ["lab"]):
+        if not isinstance(lab.get("scatter"), CommentedMap):
+            continue
+        scatter, given = dict(lab["scatter"]), [name for name in lab if name in ("noise", "scatter")]
+        flags = [kind for name, kind in DRAWS.items() if scatter.pop(name, False)]
+        draws = scatter.pop("draws", flags[-1] if flags else None)
+        if draws is not None and "draws" in lab:
+            raise _both("lab.scatter", "lab.draws", lab, file)
+        new: dict[str, Any] = {} if draws is None else {"draws": draws}
+        if scatter:
+            new = {"noise": lab["scatter"] if len(scatter) == len(lab["scatter"]) else scatter} | new
+        else:
+            given = ["scatter"]
+        if scatter and "noise" in lab:
+            new["noise"] = _multiplied(scatter, lab, file)
+        yield from _replaced(lab, "lab", given, new)
+
+
+def _multiplied(sizes: dict[str, Any], lab: CommentedMap, file: Path) -> dict[str, Any]:
+    """Return the sizes of a scatter times the noise beside it."""
+    whole = sizes if lab["noise"] == 1 else TYPICAL | sizes
+    try:
+        return {name: float(lab["noise"]) * float(size) for name, size in whole.items()}
+    except (TypeError, ValueError):
+        raise StrandcastError(
+            "SC-F003",
+            "lab.scatter cannot be multiplied by lab.noise, as it was",
+            file=file,
+            line=lab.lc.data["scatter"][0] + 1,
+            field="lab.scatter",
+            fix="write the standard deviations to lab.noise, by name",
+        ) from None
 
 
 def _both(old: str, new: str, section: CommentedMap, file: Path) -> StrandcastError:

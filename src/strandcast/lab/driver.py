@@ -112,7 +112,7 @@ class LabArm:
         lab, random = self._lab, self._random("lab-throw")
         scatter = scatter_of(self._throw.name, self._throw.experiment.seed, lab)
         return VariationInSpace(
-            *(draw_variation(random, len(self._arm.joints), lab.noise, scatter) for _ in range(2))
+            *(draw_variation(random, len(self._arm.joints), 1.0, scatter) for _ in range(2))
         )
 
     def _swing(

@@ -1,10 +1,12 @@
 """Throw-to-throw variation: clamp, sway, joints and clocks."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
-from strandcast.config.lab import TYPICAL, LabScatter, LabSettings
+from strandcast.config.lab import TYPICAL, LabSettings
 from strandcast.seeds import rng
 
 CLOCK_DRIFT = 2e-5  # standard deviation; chosen
@@ -26,38 +28,48 @@ class ThrowVariation:
     log_noise_rad: float
 
 
+class LabScatter(NamedTuple):
+    """How throws of one motion differ on a rig: standard deviations by name, and their tails."""
+
+    sizes: Mapping[str, float]
+    heavy_tails: bool = False
+
+
+TYPICAL_RIG = LabScatter(TYPICAL)
+
+
 def scatter_of(experiment: str, seed: int, lab: LabSettings) -> LabScatter:
     """Return the scatter of an experiment's rig; one that is drawn depends on name and seed alone."""
-    if lab.scatter.draws != "unknown_rig":
-        return lab.scatter
-    return drawn_scatter(rng(experiment, seed, 0, "lab-rig"), lab.scatter)
+    if lab.draws == "unknown_rig":
+        return drawn_scatter(rng(experiment, seed, 0, "lab-rig"), lab.sizes)
+    return LabScatter(lab.sizes, lab.draws == "heavy_tails")
 
 
-def drawn_scatter(random: np.random.Generator, about: LabScatter = TYPICAL) -> LabScatter:
+def drawn_scatter(random: np.random.Generator, about: Mapping[str, float] = TYPICAL) -> LabScatter:
     """Return the scatter of a rig that nobody knows: each size of its own, heavy tails every other time."""
     low, high = np.log(DRAWN_FACTORS)
-    given = about.model_dump(exclude={"draws"})
-    sizes = {name: sd * float(np.exp(random.uniform(low, high))) for name, sd in given.items()}
-    return LabScatter(**sizes, draws="heavy_tails" if random.integers(2) else "normal")
+    sizes = {name: sd * float(np.exp(random.uniform(low, high))) for name, sd in about.items()}
+    return LabScatter(sizes, bool(random.integers(2)))
 
 
 def draw_variation(
-    rng: np.random.Generator, joints: int, scale: float, scatter: LabScatter = TYPICAL
+    rng: np.random.Generator, joints: int, scale: float, scatter: LabScatter = TYPICAL_RIG
 ) -> ThrowVariation:
     """Draw a throw's deviations; `scale` 0: none, 1: those of `scatter`."""
     single = rng.standard_normal(5) * scale
     zero, gain = rng.standard_normal((2, joints)) * scale
-    if scatter.draws == "heavy_tails":
+    if scatter.heavy_tails:
         single, zero, gain = (one * _stretch(rng, len(one)) for one in (single, zero, gain))
+    sizes = scatter.sizes
     return ThrowVariation(
-        grasp_length_m=float(single[0] * scatter.grasp_length_m),
-        grasp_lateral_m=float(single[1] * scatter.grasp_lateral_m),
-        grasp_angle_rad=float(single[2] * scatter.grasp_angle_rad),
-        sway_rad=float(single[3] * scatter.sway_rad),
-        sway_rad_s=float(single[4] * scatter.sway_rad_s),
-        joint_zero_rad=zero * scatter.joint_zero_rad,
-        servo_gain=1.0 + gain * scatter.servo_gain,
-        log_noise_rad=scale * scatter.joint_log_rad,
+        grasp_length_m=float(single[0] * sizes["grasp_length_m"]),
+        grasp_lateral_m=float(single[1] * sizes["grasp_lateral_m"]),
+        grasp_angle_rad=float(single[2] * sizes["grasp_angle_rad"]),
+        sway_rad=float(single[3] * sizes["sway_rad"]),
+        sway_rad_s=float(single[4] * sizes["sway_rad_s"]),
+        joint_zero_rad=zero * sizes["joint_zero_rad"],
+        servo_gain=1.0 + gain * sizes["servo_gain"],
+        log_noise_rad=scale * sizes["joint_log_rad"],
     )
 
 

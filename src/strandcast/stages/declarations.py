@@ -67,7 +67,7 @@ _DECLARED = (
         "lab_rehearse",
         inputs={"arm": files.arm},
         outputs={role: f"{REHEARSAL}{name}" for role, name in files.REHEARSED_FILES.items()},
-        settings=(*_PLANNED, *(f"lab.{name}" for name in ("servo", "noise", "scatter"))),
+        settings=(*_PLANNED, *(f"lab.{name}" for name in ("servo", "noise", "draws"))),
     ),
     Stage(
         "lab_throw",

@@ -101,7 +101,7 @@ class ThrowEnv(gymnasium.Env):
         if played is not None:
             motion, share = played
             scatter = scatter_of(self._task.name, self._task.experiment.seed, self._lab)
-            given = len(self._arm.joints), self._lab.noise, scatter
+            given = len(self._arm.joints), 1.0, scatter
             variation = draw_variation(self._random("lab-throw"), *given)
             string = physical_string(self._task.experiment).clamped(self._arm.clamp.clamped_length_m)
             swing = simulate_swing(self._arm, self._lab.servo, string, variation, motion)

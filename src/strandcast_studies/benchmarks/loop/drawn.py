@@ -67,7 +67,11 @@ def wide_settings_of(common: dict[str, Any], seed: int) -> dict[str, Any]:
         usual,
         {
             "string": {"weights": weights},
-            "lab": {"string": string, "scatter": scatter.model_dump()},
+            "lab": {
+                "string": string,
+                "noise": dict(scatter.sizes),
+                "draws": "heavy_tails" if scatter.heavy_tails else "normal",
+            },
         },
     )
 

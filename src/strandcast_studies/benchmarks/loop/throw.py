@@ -63,7 +63,7 @@ def throw(root: Path, name: str, trial: int, rig: LoopRig) -> float:
     drawn = draw_variation(
         rng(name, settings.seed, trial, "lab-throw"),
         len(arm.joints),
-        settings.lab.noise,
+        1.0,
         scatter_of(name, settings.seed, settings.lab),
     )
     variation = rig.vary(drawn)
