@@ -6,7 +6,7 @@ import pytest
 from PIL import Image
 
 from strandcast.camera.boards import RULER_MM, write_charuco, write_markers
-from strandcast.camera.markers import detect_markers, marker_detector, opencv_board
+from strandcast.camera.markers import detect_markers, marker_detector, opencv_board, patterned
 from strandcast.camera.views import find_board
 from strandcast.config.camera import Board
 from strandcast.errors import StrandcastError
@@ -17,9 +17,7 @@ PRINTED = Board(squares_x=5, squares_y=8, square_m=0.030, marker_m=0.022, dictio
 
 @pytest.mark.parametrize("legacy", [False, True])
 def test_a_printed_charuco_board_has_its_true_size(tmp_path, legacy):
-    board = Board(
-        squares_x=5, squares_y=8, square_m=0.030, marker_m=0.022, dictionary="DICT_5X5_100", legacy=legacy
-    )
+    board = patterned(PRINTED).model_copy(update={"legacy": legacy})
     [path] = write_charuco(board, tmp_path / "board.png", dpi=DPI)
     assert Image.open(path).info["dpi"] == pytest.approx((DPI, DPI), rel=1e-3)
     ids, corners_px = find_board(cv2.imread(str(path), cv2.IMREAD_GRAYSCALE), board)
@@ -32,14 +30,9 @@ def test_a_printed_charuco_board_has_its_true_size(tmp_path, legacy):
 
 
 def test_the_other_pattern_is_not_detected(tmp_path):
-    board = Board(
-        squares_x=5, squares_y=8, square_m=0.030, marker_m=0.022, dictionary="DICT_5X5_100", legacy=True
-    )
-    [path] = write_charuco(board, tmp_path / "board.png", dpi=DPI)
-    other = Board(
-        squares_x=5, squares_y=8, square_m=0.030, marker_m=0.022, dictionary="DICT_5X5_100", legacy=False
-    )
-    assert len(find_board(cv2.imread(str(path), cv2.IMREAD_GRAYSCALE), other)[0]) == 0
+    legacy = patterned(PRINTED).model_copy(update={"legacy": True})
+    [path] = write_charuco(legacy, tmp_path / "board.png", dpi=DPI)
+    assert len(find_board(cv2.imread(str(path), cv2.IMREAD_GRAYSCALE), PRINTED)[0]) == 0
 
 
 def test_printed_markers_are_complete_and_of_true_size(tmp_path):

@@ -9,7 +9,7 @@ from strandcast.camera.distinct_poses import pose_groups
 from strandcast.camera.distortion import MODELS, choose_model, fit_lens, smallest_as_good
 from strandcast.camera.lens import calibrate_lens, calibrate_lens_video
 from strandcast.camera.lens_error import lens_covariance, repeat_inflation
-from strandcast.camera.markers import detect_markers, marker_detector, opencv_board
+from strandcast.camera.markers import detect_markers, marker_detector, opencv_board, patterned
 from strandcast.camera.printed_board import identify_board
 from strandcast.camera.views import BoardCorners, board_corners
 from strandcast.config.camera import Board
@@ -65,8 +65,8 @@ def test_a_known_lens_is_recovered_within_its_standard_errors(photos, lens):
 
 def test_a_video_may_begin_before_its_board_is_in_view(photos):
     empty = [(f"frame {k}", np.full_like(photos[0][1], 120)) for k in range(6)]
-    found, printed = calibrate_lens_video([*empty, *photos], BOARD.model_copy(update={"first_id": 8}))
-    assert printed.board == BOARD
+    found, printed = calibrate_lens_video([*empty, *photos], BOARD)
+    assert printed.is_shown
     assert found.rms_px < 0.15
 
 
@@ -173,7 +173,7 @@ def test_a_board_that_is_cut_off_in_the_only_photo_is_named():
 @pytest.mark.parametrize("cut", ["left", "right", "top", "bottom"])
 def test_a_board_that_is_cut_off_has_its_own_pattern(legacy, squares_x, squares_y, cut):
     squares = dict(zip(SQUARES, (squares_x, squares_y), strict=True))
-    board = BOARD.model_copy(update={**squares, "legacy": legacy})
+    board = patterned(BOARD).model_copy(update={**squares, "legacy": legacy})
     drawn = opencv_board(board).generateImage((100 * squares_x, 100 * squares_y))
     drawn = cv2.copyMakeBorder(drawn, *[60] * 4, cv2.BORDER_CONSTANT, value=255)
     drawn = cv2.copyMakeBorder(drawn, *[80] * 4, cv2.BORDER_CONSTANT, value=120)  # the table below the paper
@@ -183,11 +183,12 @@ def test_a_board_that_is_cut_off_has_its_own_pattern(legacy, squares_x, squares_
         "top": np.s_[140 + 80 :],
         "bottom": np.s_[: -140 - 80],
     }
-    printed = identify_board(
-        [("plane.png", drawn[side[cut]])], board.model_copy(update={"legacy": not legacy})
-    )
-    assert printed.board == board
-    assert identify_board([("plane.png", drawn[side[cut]])], board).board == board
+    for declared in (
+        BOARD.model_copy(update=squares),
+        board,
+        board.model_copy(update={"legacy": not legacy}),
+    ):
+        assert identify_board([("plane.png", drawn[side[cut]])], declared).board == board
 
 
 def test_a_row_too_many_of_which_the_photo_has_a_part_is_named():
@@ -202,7 +203,7 @@ def test_a_board_whose_first_rows_are_covered_is_not_another_one():
     drawn = opencv_board(BOARD).generateImage((760, 560), marginSize=30)
     drawn[:230] = 120  # the first two rows of five; a board with other ids could end below the picture
     [found] = [identify_board([("plane.png", drawn[:545])], BOARD)]
-    assert found.board == BOARD or found.is_open
+    assert found.board == patterned(BOARD) or found.is_open
 
 
 def test_what_is_found_of_the_board_is_the_fix_where_no_photo_can_be_used(photos):
@@ -218,7 +219,7 @@ def test_markers_of_another_size_are_named_with_the_right_one(photos):
 
 
 def test_a_dictionary_with_too_few_markers_is_named(tmp_path, photograph, looking, lens):
-    board = BOARD.model_copy(update={"first_id": 60})
+    board = patterned(BOARD).model_copy(update={"first_id": 60})
     pictures = board_photos(board, tmp_path, photograph, looking, lens, VIEWS[:3])
     with pytest.raises(StrandcastError, match="from DICT_5X5_100 or a larger one of its kind, not") as caught:
         calibrate_lens(pictures, BOARD.model_copy(update={"dictionary": "DICT_5X5_50"}))
@@ -231,33 +232,16 @@ def test_a_board_white_on_black_is_taken_with_a_warning(photos):
     assert found.matrix[0][0] == pytest.approx(calibrate_lens(photos, BOARD)[0].matrix[0][0], rel=1e-3)
 
 
-def test_ids_that_begin_elsewhere_are_found(tmp_path, photograph, looking, lens):
-    board = BOARD.model_copy(update={"first_id": 12})
+@pytest.mark.parametrize("pattern", [{"first_id": 12}, {"squares_y": 4}, {"squares_y": 4, "legacy": True}])
+def test_the_boards_pattern_and_first_id_are_found(tmp_path, photograph, looking, lens, pattern):
+    board = patterned(BOARD).model_copy(update=pattern)
     pictures = board_photos(board, tmp_path, photograph, looking, lens, VIEWS[:3])
-    (right, _), (wrong, printed) = calibrate_lens(pictures, board), calibrate_lens(pictures, BOARD)
+    declared = BOARD.model_copy(update={"squares_y": board.squares_y})
+    (right, _), (found, printed) = calibrate_lens(pictures, board), calibrate_lens(pictures, declared)
     assert printed.board == board
-    assert right.warnings == []
-    assert wrong.warnings == ["the board's ids begin at 12: set camera.board.first_id to 12"]
-    assert wrong.matrix == right.matrix
-
-
-@pytest.mark.parametrize("printed_legacy", [True, False])
-def test_the_legacy_pattern_is_found(tmp_path, photograph, looking, lens, printed_legacy):
-    board = Board(
-        squares_x=7,
-        squares_y=4,
-        square_m=0.035,
-        marker_m=0.026,
-        dictionary="DICT_5X5_100",
-        legacy=printed_legacy,
-    )
-    pictures = board_photos(board, tmp_path, photograph, looking, lens, VIEWS[:3])
-    right, _ = calibrate_lens(pictures, board)
-    wrong, _ = calibrate_lens(pictures, board.model_copy(update={"legacy": not printed_legacy}))
-    assert right.warnings == []
-    assert wrong.legacy is printed_legacy
-    assert f"set camera.board.legacy to {str(printed_legacy).lower()}" in wrong.warnings[0]
-    assert wrong.matrix == right.matrix
+    assert found.warnings == []
+    assert found.legacy is board.legacy
+    assert found.matrix == right.matrix
 
 
 def test_a_partly_covered_board_gives_its_visible_corners(photos):

@@ -141,6 +141,10 @@ def test_readings_of_the_papers_method_are_fixed(tmp_path, caplog):
         ("estimate: {paper: {beta: 0.9}, free_end: false}\n", "estimate: {}\n"),
         ("camera: {scale: arc, exposure_s: 0.001}\n", "camera: {exposure_s: 0.001}\n"),
         (
+            "camera: {board: {legacy: true}, plane: {board: {first_id: 9, x_m: 0, y_m: 0}}}\n",
+            "camera: {board: {}, plane: {board: {x_m: 0, y_m: 0}}}\n",
+        ),
+        (
             "camera:\n  string_offset_sd_m: 0.002  # by eye\n  lens_video: calibration/board.mp4\n",
             "camera:\n  string_offset_m: [0.0, 0.002]  # by eye\n  lens: calibration/board.mp4\n",
         ),

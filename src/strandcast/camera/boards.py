@@ -51,8 +51,7 @@ def write_charuco(board: Board, path: str | Path, title: str = "ChArUco board", 
         f"{title}: {board.squares_x} x {board.squares_y} squares "
         f"of {board.square_m * 1e3:g} mm, "
         f"markers {board.marker_m * 1e3:g} mm, {board.dictionary}, "
-        f"ids {board.first_id}-{board.first_id + board.squares_x * board.squares_y // 2 - 1}"
-        + (", legacy pattern" if board.legacy else "")
+        f"ids 0-{board.squares_x * board.squares_y // 2 - 1}"
     )
     _draw_footer(axes, caption, page_mm)
     return _save([figure], Path(path), dpi)

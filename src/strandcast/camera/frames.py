@@ -26,7 +26,7 @@ def choose_frames(
     frames
         (name, grey picture), streamed; no picture is stored.
     board
-        As printed, legacy pattern or not.
+        As printed.
     kept
         Largest number of frames.
 

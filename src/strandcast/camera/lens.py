@@ -21,6 +21,7 @@ from strandcast.camera.distortion import (
 )
 from strandcast.camera.frames import choose_frames
 from strandcast.camera.lens_error import lens_covariance, repeat_inflation
+from strandcast.camera.markers import patterned
 from strandcast.camera.pose import rms
 from strandcast.camera.printed_board import TRIED, PrintedBoard, identify_board
 from strandcast.camera.views import BoardCorners, board_corners, check_sizes
@@ -60,7 +61,7 @@ def calibrate_lens(
     images
         (name, grey picture (height, width)), at least three usable ones with different tilts of the board.
     board
-        As declared; a wrong `legacy` or `first_id` is corrected (`identify_board`).
+        As declared; its pattern and first id are as the photos show them (`identify_board`).
     model
         ``none``, ``k1``, ``k1k2``, ``k1k2p1p2``, ``k1k2k3p1p2``, ``rational``, ``fisheye``, or ``auto``:
         the last where it fits better than any polynomial (`distortion.is_wide`), else one of the others,
@@ -106,7 +107,7 @@ def calibrate_lens_video(
         group = [(name, grey.copy()) for name, grey in islice(frames, TRIED)]
         first += group
         printed = identify_board(group, board)
-        if printed.is_shown or printed.warnings:
+        if printed.is_shown or printed.warnings or printed.board != patterned(board):
             break
     check_sizes(first)
     pictures = ((name, printed.black_on_white(grey)) for name, grey in chain(first, frames))

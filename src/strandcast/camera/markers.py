@@ -47,6 +47,20 @@ def enough(family: str, last_id: int) -> tuple[str, str]:
     return family, ""
 
 
+class PatternedBoard(Board):
+    """A board with its pattern, which photos show."""
+
+    legacy: bool = False  # the layout of OpenCV before 4.6, which differs for even numbers of rows
+    first_id: int = 0
+
+
+def patterned(board: Board) -> PatternedBoard:
+    """Return a board with its pattern; one that is only declared has OpenCV's, and ids from 0."""
+    if isinstance(board, PatternedBoard):
+        return board
+    return PatternedBoard(**{name: getattr(board, name) for name in Board.model_fields})
+
+
 def opencv_board(board: Board) -> cv2.aruco.CharucoBoard:
     """Return the board as OpenCV's object, sizes in metres.
 
@@ -55,7 +69,7 @@ def opencv_board(board: Board) -> cv2.aruco.CharucoBoard:
     StrandcastError
         SC-C002 the dictionary has too few markers for the board.
     """
-    dictionary = dictionary_named(board.dictionary)
+    board, dictionary = patterned(board), dictionary_named(board.dictionary)
     ids = np.arange(board.squares_x * board.squares_y // 2) + board.first_id
     available = len(dictionary.bytesList)
     if ids[-1] >= available:

@@ -9,11 +9,13 @@ import numpy as np
 
 from strandcast.camera.markers import (
     FAMILIES,
+    PatternedBoard,
     detect_markers,
     eight_bit,
     enough,
     marker_detector,
     opencv_board,
+    patterned,
 )
 from strandcast.config.camera import Board
 from strandcast.errors import StrandcastError
@@ -39,7 +41,7 @@ Seen = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 @dataclass(frozen=True)
 class PrintedBoard:
-    """The board as printed, and warnings where it is not as declared.
+    """The board with its pattern, and warnings where it is not as declared.
 
     Attributes
     ----------
@@ -48,10 +50,10 @@ class PrintedBoard:
     is_shown
         All its rows and columns are in a photo.
     is_open
-        It is not the declared one, and its rows and columns that no photo shows might be others.
+        Its pattern is not the usual one, and its rows and columns that no photo shows might be others.
     """
 
-    board: Board
+    board: PatternedBoard
     warnings: list[str]
     white_on_black: bool = False
     of_size: Sequence[str] = ()
@@ -99,7 +101,7 @@ class PossibleBoard:
         Rows and columns of it in which no marker was seen.
     """
 
-    board: Board
+    board: PatternedBoard
     unseen_rows: list[int]
     unseen_columns: list[int]
 
@@ -118,14 +120,15 @@ class PossibleBoard:
 def identify_board(photos: Photos, board: Board, field: str = "camera.board") -> PrintedBoard:
     """Return the board that photos (name, grey) show; the declared one if they show too little of any.
 
-    A board with OpenCV's legacy pattern or without, with other ids, or white on black is taken as the photos
-    show it, with a warning. `field` is where the experiment declares the board.
+    Its pattern, OpenCV's legacy one or not, its first id, and whether it is white on black are taken as the
+    photos show them. `field` is where the experiment declares the board.
 
     Raises
     ------
     StrandcastError
         SC-C016 the board has other squares or another dictionary; SC-C023 the photos are mirrored.
     """
+    board = patterned(board)
     dictionaries = [board.dictionary, *(name for name in FAMILIES if name != board.dictionary)]
     few = photos[:: max(len(photos) // TRIED, 1)][:TRIED]
     for name, seen_as in product(dictionaries, (_as_it_is, _negative, _mirrored)):
@@ -164,7 +167,7 @@ def identify_board(photos: Photos, board: Board, field: str = "camera.board") ->
         is_rival = len(possible) > 1 or any(each.board == board for each in candidates)
         return PrintedBoard(
             printed.board,
-            [*warnings, *of_size, *_differences(printed.board, board, field)],
+            [*warnings, *of_size],
             white_on_black,
             of_size,
             is_shown,
@@ -173,7 +176,7 @@ def identify_board(photos: Photos, board: Board, field: str = "camera.board") ->
     return PrintedBoard(board, [])
 
 
-def _candidates(orders: Sequence[MarkerOrder], board: Board) -> list[PossibleBoard]:
+def _candidates(orders: Sequence[MarkerOrder], board: PatternedBoard) -> list[PossibleBoard]:
     """Return the boards with the declared squares that have one of several orders, the likeliest first."""
     found = []
     for order in orders:
@@ -204,19 +207,6 @@ def _negative(grey: np.ndarray) -> np.ndarray:
 
 def _mirrored(grey: np.ndarray) -> np.ndarray:
     return np.ascontiguousarray(grey[:, ::-1])
-
-
-def _differences(printed: Board, board: Board, field: str) -> list[str]:
-    """Return warnings about a printed board's pattern and first id that are not the declared ones."""
-    warnings = []
-    if printed.legacy != board.legacy:
-        has = "has" if printed.legacy else "does not have"
-        hint = f"set {field}.legacy to {str(printed.legacy).lower()}"
-        warnings.append(f"the board {has} the legacy pattern (OpenCV before 4.6): {hint}")
-    if printed.first_id != board.first_id:
-        hint = f"set {field}.first_id to {printed.first_id}"
-        warnings.append(f"the board's ids begin at {printed.first_id}: {hint}")
-    return warnings
 
 
 def _of_other_squares(order: MarkerOrder, board: Board, field: str) -> StrandcastError:
@@ -256,7 +246,7 @@ def _seen(grey: np.ndarray, dictionary: str, seen_as: SeenAs) -> Seen:
     return grey, *detect_markers(grey, marker_detector(dictionary))
 
 
-def _likeness(place: tuple[int | None, int | None], seen: Sequence[Seen], board: Board) -> float:
+def _likeness(place: tuple[int | None, int | None], seen: Sequence[Seen], board: PatternedBoard) -> float:
     """Return the correlation of a board's row or column with what photos show there; infinite: it is in none.
 
     `place` is (row, None) or (None, column).
@@ -293,7 +283,7 @@ def _likeness(place: tuple[int | None, int | None], seen: Sequence[Seen], board:
     return max(likeness, default=np.inf)
 
 
-def _orders(photos: Photos, board: Board, dictionary: str, seen_as: SeenAs) -> list[MarkerOrder]:
+def _orders(photos: Photos, board: PatternedBoard, dictionary: str, seen_as: SeenAs) -> list[MarkerOrder]:
     """Return the orders that most markers fit; none if it is not clear.
 
     Several if an outer column is in no photo: then those with the declared squares in a row, or first id.

@@ -45,7 +45,7 @@ def stereo_pose(
     photos
         Grey pictures (height, width) of both cameras at one instant each, three pairs or more.
     board
-        As printed; a wrong `legacy` or `first_id` is corrected, from the first camera's photos.
+        As printed; its pattern and first id are as the first camera's photos show them.
 
     Raises
     ------

@@ -67,14 +67,6 @@ class Board(Section):
         "DICT_5X5_100",
         description="OpenCV's name of the markers' dictionary.",
     )
-    legacy: bool = Field(
-        False,
-        description="Layout of OpenCV before 4.6 for even numbers of rows; calibrate recognises it.",
-    )
-    first_id: Annotated[int, Field(ge=0, le=1023)] = Field(
-        0,
-        description="Id of the first marker; calibrate recognises it.",
-    )
 
     @model_validator(mode="after")
     def _markers_fit_into_squares(self) -> Board:

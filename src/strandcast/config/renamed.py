@@ -54,6 +54,7 @@ MERGED = (
 )
 
 OF_THE_PAPER = ("evaluation", "reading", "free_end", "joints", "paper", "w")
+BOARDS = ("board", "plane.board")
 # Names of version 0.1, accepted by 0.2.
 RENAMED: tuple[Renamed, ...] = (
     Renamed("track.hand", "track.tracker", {"marker": "chain", "pivot": "pendulum"}),
@@ -61,6 +62,8 @@ RENAMED: tuple[Renamed, ...] = (
     Renamed("track.background_frames", None),
     Renamed("lab.led", None),  # the lab has one where `align.led.place_m` is
     Renamed("cameras.*.scale", None),
+    # Calibration recognises them.
+    *(Renamed(f"cameras.*.{board}.{name}", None) for board in BOARDS for name in ("legacy", "first_id")),
     *(Renamed(f"cameras.*.{name}", "cameras.*.lens") for name in ("lens_photos", "lens_video", "lens_file")),
     Renamed("plan.finer", None),
     Renamed("plan.mesh_refinement", None),

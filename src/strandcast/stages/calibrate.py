@@ -11,6 +11,7 @@ from PIL import Image
 from strandcast.camera.distortion import FISHEYE
 from strandcast.camera.lens import calibrate_lens, calibrate_lens_video
 from strandcast.camera.lens_file import read_lens
+from strandcast.camera.markers import patterned
 from strandcast.camera.plane import (
     PlaneGeometry,
     board_markers,
@@ -19,7 +20,7 @@ from strandcast.camera.plane import (
 )
 from strandcast.camera.pose import PlacedMarker
 from strandcast.camera.printed_board import PrintedBoard, identify_board
-from strandcast.config.camera import Board, CameraSettings
+from strandcast.config.camera import CameraSettings
 from strandcast.errors import StrandcastError
 from strandcast.progress import progress
 from strandcast.records.camera import Camera, Lens
@@ -33,8 +34,8 @@ from strandcast.video.isolated import probe_isolated
 from strandcast.video.reader import open_video
 
 PARTLY = (
-    "squares_x, squares_y, first_id and legacy of camera.plane.board are not checked where it is cut off; a "
-    "wrong one would move the world by whole squares"
+    "squares_x and squares_y of camera.plane.board, its pattern and its first id are not checked where it is "
+    "cut off; a wrong one would move the world by whole squares"
 )
 FORMER = "camera.json"  # the place of the only camera's record up to version 0.1
 SEARCHED_FRAMES = 150  # frames of a lens video in which the board is searched; chosen, not sensitive
@@ -150,16 +151,16 @@ def plane_markers_of(
         return single, plane.dictionary, picture, []
     placed, declared = plane.board, camera.board.model_dump()
     proven = of_lens is not None and of_lens.is_shown and declared.items() <= placed.model_dump().items()
-    if of_lens is not None and proven:
-        placed = placed.model_copy(update=of_lens.board.model_dump())
-    shown = identify_board([(file, picture)], placed, "camera.plane.board")
+    usual = of_lens.board if of_lens is not None and proven else patterned(placed)
+    shown = identify_board([(file, picture)], usual, "camera.plane.board")
     use_proven = proven and not shown.is_shown
-    board: Board = placed if use_proven else shown.board
+    board = usual if use_proven else shown.board
     warnings = [*(shown.of_size if use_proven else shown.warnings)]
     if shown.is_open and not proven:
-        fits = f"first_id: {board.first_id} and legacy: {str(board.legacy).lower()}"
-        what = f"the board is cut off in the photo, which fits {fits} better than what is declared"
-        fix = "photograph the whole board, or correct these"
+        what, fix = (
+            "the board is cut off in the photo, and its ids may begin elsewhere",
+            "photograph all of it",
+        )
         raise StrandcastError("SC-C016", what, file=file, field="camera.plane.board", fix=fix)
     if not (shown.is_shown or proven):
         warnings = [*warnings, f"{file} does not show all of the board: {PARTLY}"]
