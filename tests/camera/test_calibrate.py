@@ -247,7 +247,7 @@ def test_the_plane_has_the_lens_boards_pattern_where_it_is_cut_off():
     cut = drawn[30:500]  # without the last row, below which the world begins, and what is above the first
     plane = {"board": {**declared.model_dump(), "x_m": 0.0, "y_m": 0.0}}
     settings = CameraSettings(board=declared, plane=plane)
-    with pytest.raises(StrandcastError, match="is cut off in the photo, and its ids may begin elsewhere"):
+    with pytest.raises(StrandcastError, match="is cut off in the photo, and may have other ids"):
         plane_markers_of(settings, cut, "plane.png")
     of_lens = PrintedBoard(printed, [], is_shown=True)
     known, *_, none = plane_markers_of(settings, cut, "plane.png", of_lens)

@@ -169,6 +169,12 @@ def test_readings_of_the_papers_method_are_fixed(tmp_path, caplog):
             "estimate:\n  forces: [drag_along]  # a chain\n  dt_s: 0.002\n",
         ),
         (
+            "estimate:\n  clamp_offset: true\n  dt_s: 0.001\n  clamp_offset_sd_rad: null\n",
+            "estimate:\n  clamp_offset_sd_rad: any\n  dt_s: 0.001\n",
+        ),
+        ("estimate: {clamp_offset: true}\n", "estimate: {clamp_offset_sd_rad: 0.05}\n"),
+        ("estimate: {clamp_offset: false}\n", "estimate: {clamp_offset_sd_rad: null}\n"),
+        (
             "lab: {noise: 2, scatter: {sway_rad: 0.02, servo_gain: 0, drawn: true}}\n",
             "lab: {noise: {grasp_length_m: 0.004, grasp_lateral_m: 0.002, grasp_angle_rad: "
             "0.10471975511965978, sway_rad: 0.04, sway_rad_s: 0.1, joint_zero_rad: 0.002, servo_gain: 0.0, "

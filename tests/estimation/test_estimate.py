@@ -291,7 +291,7 @@ def test_a_hand_that_jumps_gives_one_clear_error(name):
 
 
 def test_space_round_trip():
-    space = space_of(EstimateSettings(clamp_offset=True), LAYOUT, plain_mass=True)
+    space = space_of(EstimateSettings(clamp_offset_sd_rad=0.05), LAYOUT, plain_mass=True)
     chi = np.random.default_rng(6).random((5, space.dimension))
     strings = space.strings(chi)
     assert isinstance(strings, StringBatch)

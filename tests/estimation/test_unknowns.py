@@ -40,7 +40,7 @@ PIPED = mass_layout(0.24, 6, [0.2], [(0.08, 0.12)])
 
 def test_every_unknown_survives_the_round_trip():
     settings = EstimateSettings(
-        clamp_offset=True,
+        clamp_offset_sd_rad=0.05,
         camera_offset_sd_m=0.002,
         forces=["rest_curl", "stiff_bend", "friction_stick", "drag_along"],
     )

@@ -79,7 +79,7 @@ def plane(project_root: Path) -> World:
     arm = load_arm(project_root / "config/arms/planar3.toml").planar()
     workspace = Box(x_m=(-0.75, 1.25), y_m=(-0.32, 0.80))
     task = PlanningTask(arm, MODEL, np.array([0.50, 0.50]), 0.02, workspace)
-    settings = EstimateSettings(forces=list(FORCES), clamp_offset=True, camera_offset_sd_m=0.005)
+    settings = EstimateSettings(forces=list(FORCES), clamp_offset_sd_rad=0.05, camera_offset_sd_m=0.005)
     space = space_of(settings, PIPED)
     fitted = space.strings(prior_exponents(space, MODEL, 2, np.random.default_rng(4)))
     heights = rest_heights(np.array([[3.0, 2.0, -1.0], [2.0, 4.0, 1.0], [-2.0, 3.0, 5.0]]))
@@ -121,8 +121,9 @@ def test_the_options_of_the_experiment_are_fitted():
     ):
         names = space_of(EstimateSettings(forces=[force]), PIPED).names
         assert set(every) & set(names) == set(unknowns)
-    for wanted in (True, False):
-        assert (CLAMP_OFFSET in space_of(EstimateSettings(clamp_offset=wanted), PIPED).names) is wanted
+    for sd_rad, prior in ((None, []), (0.05, [0.05]), ("any", [np.inf])):
+        space = space_of(EstimateSettings(clamp_offset_sd_rad=sd_rad), PIPED)
+        assert list(space.prior_sd[[name == CLAMP_OFFSET for name in space.names]]) == prior
 
 
 FITTED = [

@@ -21,8 +21,7 @@ IN_SPACE: dict[str, Any] = {
     "evaluations": 6000,
     "older_trials_weight": 1.0,
     "dt_s": 2e-3,
-    "clamp_offset": True,
-    "clamp_offset_sd_rad": None,
+    "clamp_offset_sd_rad": "any",
     "horizon_s": None,
 }
 THROWN_IN_SPACE = IN_SPACE | {"evaluations": 500, "profiles": False}
@@ -83,15 +82,11 @@ class EstimateSettings(Section):
         description="Optional parts of the model: auto tries them and keeps those that predict better what "
         "was not fitted; paper has none; or a list of those to fit. Give it to fit the same ones everywhere.",
     )
-    clamp_offset: bool = Field(
-        False,
-        description="Fit a turn of the clamp against the arm's file (in space of each clamp, by default). "
-        "Set it if the string's angle in the hand varies from grasp to grasp.",
-    )
-    clamp_offset_sd_rad: Annotated[float, Field(gt=0, le=0.5)] | None = Field(
-        0.05,
-        description="Standard deviation of that turn before the fit; null (in space): any turn is as likely."
-        " Raise it for a clamp set by eye.",
+    clamp_offset_sd_rad: Annotated[float, Field(gt=0, le=0.5)] | Literal["any"] | None = Field(
+        None,
+        description="Fit a turn of the clamp against the arm's file, with this standard deviation before the "
+        "fit; any: all turns are as likely (in space, of each clamp); null: no turn. Set it, to 0.05 or more "
+        "for a clamp set by eye, if the string's angle in the hand varies from grasp to grasp.",
     )
     camera_offset_sd_m: Annotated[float, Field(gt=0, le=0.05)] | None = Field(
         None,

@@ -55,6 +55,7 @@ MERGED = (
 
 OF_THE_PAPER = ("evaluation", "reading", "free_end", "joints", "paper", "w")
 BOARDS = ("board", "plane.board")
+CLAMP_OFFSET_SD_RAD = 0.05  # the former default
 # Names of version 0.1, accepted by 0.2.
 RENAMED: tuple[Renamed, ...] = (
     Renamed("track.hand", "track.tracker", {"marker": "chain", "pivot": "pendulum"}),
@@ -119,7 +120,7 @@ def with_new_names(data: CommentedMap, file: Path) -> list[Change]:
     StrandcastError
         SC-F003 a setting is given under both names.
     """
-    asked = [*_with_method(data), *_with_forces(data, file), *_with_noise(data, file)]
+    asked = [*_with_method(data), *_with_forces(data, file), *_with_clamp(data), *_with_noise(data, file)]
     changed = (
         _changed(section, change, file)
         for change in RENAMED
@@ -216,6 +217,17 @@ def _with_forces(data: CommentedMap, file: Path) -> list[Change]:
         in_order = [name for name in section if name in given]
         changes += _replaced(section, "estimate", in_order, new, usually) if given else []
     return changes
+
+
+def _with_clamp(data: CommentedMap) -> Iterator[Change]:
+    """Write whether a turn of the clamp was fitted as its standard deviation."""
+    names = ("clamp_offset", "clamp_offset_sd_rad")
+    usual = "any" if len(data.get("target_m") or ()) == 3 else CLAMP_OFFSET_SD_RAD
+    for section in _sections(data, ["estimate"]):
+        if names[0] in section:
+            sd = section.get(names[1], usual)
+            new = {names[1]: ("any" if sd is None else sd) if section[names[0]] else None}
+            yield from _replaced(section, "estimate", [name for name in section if name in names], new)
 
 
 def _with_noise(data: CommentedMap, file: Path) -> Iterator[Change]:

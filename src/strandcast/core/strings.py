@@ -104,9 +104,8 @@ class Unknown:
     unit: str = "1"
     range: Range | None = None  # of fits in the plane, OF_PRIOR: that of its prior; None: not fitted there
     in_space: Way | None = None
-    forces: tuple[str, ...] = ()  # it is part of; none: it is always fitted, or where this setting says so
-    switch: str | None = None
-    sd: str | None = None  # the setting with the standard deviation of its prior about zero, if it has one
+    forces: tuple[str, ...] = ()  # it is part of; none: it is always fitted, or where `sd` is given
+    sd: str | None = None  # the setting with the standard deviation of its prior about zero, or "any" value
     stiff_sections: bool = False  # whether only strings with stiff sections have it
     starts: tuple[float, ...] = ()  # of a search for it from strings without it; none: mid-range
     bounds_are_physical: bool = False  # no string is beyond them
@@ -153,8 +152,8 @@ def _tapered(strings: StringBatch, values: np.ndarray) -> StringBatch:
     return replace(strings, bend_factor=strings.bend_factor * np.exp(values[:, None] * along))
 
 
-_CLAMP: dict[str, Any] = {"switch": "clamp_offset", "sd": "clamp_offset_sd_rad"}
-_CAMERA: dict[str, Any] = {"switch": "camera_offset_sd_m", "sd": "camera_offset_sd_m"}
+_CLAMP: dict[str, Any] = {"sd": "clamp_offset_sd_rad"}
+_CAMERA: dict[str, Any] = {"sd": "camera_offset_sd_m"}
 
 # In the order of files. Ranges are chosen; in space they scale with the string's length.
 _ROWS = [

@@ -106,8 +106,8 @@ def options_of(
         row = UNKNOWNS[name]
         if how.needs not in held or not _is_wanted(row, given) or not row.is_in(layout.stiff):
             continue
-        if row.sd is not None and given.get(row.sd) is not None:
-            sd[how.name] = given[row.sd]
+        if isinstance(prior := given.get(row.sd or ""), float):
+            sd[how.name] = prior
         ranges[how.name] = how.range
         if how.range == OF_PRIOR:
             ranges[how.name] = (-PRIOR_RANGE_SD * sd[how.name], PRIOR_RANGE_SD * sd[how.name])
@@ -116,7 +116,7 @@ def options_of(
 
 def given_of(settings: EstimateSettings, *, in_plane: bool = True, thrown: bool = True) -> dict[str, Any]:
     """Return what says which unknowns are fitted from the start, and the deviations of their priors."""
-    names = {name for row in UNKNOWNS.values() for name in (row.switch, row.sd) if name is not None}
+    names = {row.sd for row in UNKNOWNS.values() if row.sd is not None}
     forces, _ = forces_of(settings.forces, in_plane=in_plane, thrown=thrown)
     return {name: getattr(settings, name) for name in names} | {"forces": forces}
 
@@ -124,7 +124,7 @@ def given_of(settings: EstimateSettings, *, in_plane: bool = True, thrown: bool 
 def _is_wanted(row: Unknown, given: Mapping[str, Any]) -> bool:
     if row.forces:
         return not given["forces"].isdisjoint(row.forces)
-    return row.switch is None or given.get(row.switch, True) not in (False, None)
+    return row.sd is None or given.get(row.sd, "any") is not None
 
 
 def widened(space: Space, chi: Array) -> Space | None:

@@ -157,10 +157,7 @@ def plane_markers_of(
     board = usual if use_proven else shown.board
     warnings = [*(shown.of_size if use_proven else shown.warnings)]
     if shown.is_open and not proven:
-        what, fix = (
-            "the board is cut off in the photo, and its ids may begin elsewhere",
-            "photograph all of it",
-        )
+        what, fix = "the board is cut off in the photo, and may have other ids", "photograph all of it"
         raise StrandcastError("SC-C016", what, file=file, field="camera.plane.board", fix=fix)
     if not (shown.is_shown or proven):
         warnings = [*warnings, f"{file} does not show all of the board: {PARTLY}"]
