@@ -99,7 +99,7 @@ def test_the_papers_search_is_its_method(tmp_path, caplog):
     settings = load_experiment(file)
     line = len(HEAD.splitlines())
     assert f"old.yaml:{line + 2}: estimate.search: paper is now method: paper" in caplog.text
-    assert (settings.method, settings.plan.planner) == ("paper", "paper")
+    assert (settings.method, settings.plan.duration_s) == ("paper", (0.2, 1.2))
     given = settings.estimate
     assert (given.search, given.ranges, given.evaluation, given.evaluations) == (
         "paper",
@@ -133,6 +133,7 @@ def test_readings_of_the_papers_method_are_fixed(tmp_path, caplog):
             "plan: {use_servo: true, finer: false, carry_residual: true}\n",
             "plan: {}\n",
         ),
+        ("plan: {planner: ensemble, evaluations: 900}\n", "plan: {evaluations: 900}\n"),
         (
             "plan: {mesh_refinement:  true,  ensemble: 4}  # few\n",
             "plan: {ensemble: 4}  # few\n",

@@ -17,7 +17,7 @@ from strandcast.planning.rollouts import RolloutConditions, rollouts_of_curves
 from strandcast.planning.search import SearchInputs
 from strandcast.planning.task import PlanningTask
 
-SETTINGS = PlanSettings(planner="paper", duration_s=(0.2, 1.2), screening=256)
+SETTINGS = PlanSettings(duration_s=(0.2, 1.2), screening=256)
 PRIOR = CurvePrior("paper", (0.2, 1.2), 6, 60.0)
 
 

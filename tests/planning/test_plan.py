@@ -286,7 +286,7 @@ def test_after_a_motion_without_control_heights_the_plan_is_from_scratch(
     assert plan.kind == "replanned"
     assert plan.parent_trial is None
     with pytest.raises(StrandcastError, match="SC-P005"):
-        planned_next(task, strings, bare, planner="paper")
+        plan_next(task, strings, [bare], SMALL, np.random.default_rng(0), method="paper")
 
 
 @pytest.mark.parametrize(
@@ -394,20 +394,20 @@ def test_a_motion_from_nothing_is_taken_where_those_near_the_trial_miss(
 
 
 def test_the_papers_planner_by_name(task: PlanningTask, strings: StringBatch, unknown: StringBatch) -> None:
-    settings = PlanSettings(planner="paper", duration_s=(0.2, 1.2), screening=256)
-    plan = plan_first(task, strings, settings, np.random.default_rng(4))
+    settings = PlanSettings(duration_s=(0.2, 1.2), screening=256)
+    plan = plan_first(task, strings, settings, np.random.default_rng(4), method="paper")
     assert plan.miss_m <= 0.02
     assert plan.planner == "paper"
     assert plan.simulations < 256
     assert plan.curve.ramp_s > 0.0
     trial = thrown_for_real(task, unknown, plan, 1)
-    later = plan_next(task, strings, [trial], settings, np.random.default_rng(5))
+    later = plan_next(task, strings, [trial], settings, np.random.default_rng(5), method="paper")
     assert (later.kind, later.parent_trial) == ("refined", 1)
     change = later.curve.heights_rad_s - plan.curve.heights_rad_s
     assert 0.0 < np.abs(change).max() <= 0.5
     np.testing.assert_array_equal(later.curve.q0_rad, plan.curve.q0_rad)
     never, few = replace(task, hit_radius_m=1e-9), settings.model_copy(update={"screening": 32})
-    none = plan_first(never, strings, few, np.random.default_rng(4))
+    none = plan_first(never, strings, few, np.random.default_rng(4), method="paper")
     assert "no simulated hit within the budget: the best so far is thrown" in none.flags
     assert none.simulations == 32
 

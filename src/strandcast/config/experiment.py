@@ -258,9 +258,8 @@ class Experiment(Section):
         Only where it is planned for an ensemble on joints that follow as they do: the paper's method knows
         no rehearsal.
         """
-        asked = self.lab is not None and self.lab.rehearsal
-        ours = self.plan.planner != "paper"
-        return asked and (self.start_string == "ensemble" or self.known_string is not None) and ours
+        asked = self.lab is not None and self.lab.rehearsal and self.method is None
+        return asked and (self.start_string == "ensemble" or self.known_string is not None)
 
     @property
     def known_string(self) -> str | None:

@@ -14,7 +14,6 @@ PRESET: dict[str, Any] = {
         "horizon_s": None,  # "the total number of images taken": the whole motion
     },
     "plan": {
-        "planner": "paper",  # section V, on the commanded angles: no servo's response is mentioned
         "duration_s": [0.2, 1.2],  # section V-A
         "screening": 2400,  # motions tried before the best so far is thrown; not given
     },

@@ -1,6 +1,6 @@
 """`plan:` the planner."""
 
-from typing import Annotated, Literal
+from typing import Annotated
 
 from pydantic import Field, field_validator
 
@@ -10,10 +10,6 @@ from strandcast.core.section import Section
 class PlanSettings(Section):
     """The planner."""
 
-    planner: Literal["ensemble", "paper"] = Field(
-        "ensemble",
-        description="Plans over the ensemble, or as the paper. Leave it out: `method: paper` sets it.",
-    )
     duration_s: tuple[float, float] = Field(
         (0.35, 0.9),  # chosen: the example arms can throw in this time
         description="Shortest and longest first motion. Raise both for a slow arm; lower the shortest for a "

@@ -66,6 +66,7 @@ RENAMED: tuple[Renamed, ...] = (
     # Calibration recognises them.
     *(Renamed(f"cameras.*.{board}.{name}", None) for board in BOARDS for name in ("legacy", "first_id")),
     *(Renamed(f"cameras.*.{name}", "cameras.*.lens") for name in ("lens_photos", "lens_video", "lens_file")),
+    Renamed("plan.planner", None),  # by the method
     Renamed("plan.finer", None),
     Renamed("plan.mesh_refinement", None),
     Renamed("plan.carry_residual", None),

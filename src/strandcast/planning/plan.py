@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import cast
+from typing import Literal, cast
 
 import numpy as np
 
@@ -52,6 +52,7 @@ def plan_first(
     settings: PlanSettings,
     rng: np.random.Generator,
     rehearsal: PastTrial | None = None,
+    method: Literal["paper"] | None = None,
 ) -> PlannedMotion:
     """Plan a motion for a string that was never thrown.
 
@@ -68,6 +69,8 @@ def plan_first(
     rehearsal
         A motion that the arm played without the string: how its joints follow is known from there, not from
         the arm's file.
+    method
+        Paper: plan as the paper, on the commanded angles: it mentions no response of the servo (section V).
 
     Raises
     ------
@@ -75,8 +78,8 @@ def plan_first(
         The target is out of reach, or the arm's limits leave no motion.
     """
     refuse_unreachable(task)
-    given = _inputs(task, strings, settings, rng, [rehearsal] if rehearsal else [])
-    if settings.planner == "paper":
+    given = _inputs(task, strings, settings, rng, [rehearsal] if rehearsal else [], method)
+    if method == "paper":
         return predicted(given, first_by_paper(given))
     if rehearsal is None or rehearsal.curve is None:
         return likeliest(task, [lambda: from_nothing(given, "first")] * SEARCHES)
@@ -100,12 +103,13 @@ def plan_next(
     settings: PlanSettings,
     rng: np.random.Generator,
     fit_E_m: float | None = None,
+    method: Literal["paper"] | None = None,
 ) -> PlannedMotion:
     """Plan the motion after one or more trials.
 
     Parameters
     ----------
-    task, settings, rng
+    task, settings, rng, method
         See `plan_first`.
     strings
         The fitted strings, the best first.
@@ -122,14 +126,14 @@ def plan_next(
     """
     refuse_unreachable(task)
     known = [trial for trial in past_trials if trial.curve is not None]
-    if not known and settings.planner == "paper":
+    if not known and method == "paper":
         raise StrandcastError(
             "SC-P005",
             "no past trial has a motion with control heights to start from",
         )
-    given = _inputs(task, strings, settings, rng, past_trials)
+    given = _inputs(task, strings, settings, rng, past_trials, method)
     given = replace(given, evidence=Evidence(fit_E_m or 0.0, _surprises(past_trials)))
-    if settings.planner == "paper":
+    if method == "paper":
         found = later_by_paper(given, cast(Curve, known[-1].curve))
         return predicted(given, replace(found, parent_trial=known[-1].trial))
     given, flags = _without_diverging(given, past_trials)
@@ -193,21 +197,21 @@ def _near(
 
 def predicted_near(given: SearchInputs, near: Neighbourhood, found: SearchResult) -> PlannedMotion:
     """Describe a motion with the bias correction of the trials near it."""
-    task, settings = given.task, given.settings
+    task = given.task
     paths = paths_of_any([found.curve], task.step_s, AFTER_END_S)
     heights = found.curve.heights_rad_s[None]
     scattered = rollouts_near(task.rough(), with_every_disturbance(task, near, given.sizes), paths, heights)
     rollouts = rollouts_near(task, near, paths, heights)
-    return describe(task, given.strings, settings.planner, found, rollouts, scattered, given.evidence)
+    return describe(task, given.strings, given.planner, found, rollouts, scattered, given.evidence)
 
 
 def predicted(given: SearchInputs, found: SearchResult) -> PlannedMotion:
     """Describe a motion without bias correction."""
-    task, settings = given.task, given.settings
+    task = given.task
     every = crossed(given.strings, len(task.arm.joints), given.sizes)
     scattered = rollouts_of_curves(task.rough(), every, given.conditions, [found.curve])
     rollouts = rollouts_of_curves(task, given.strings, given.conditions, [found.curve])
-    return describe(task, given.strings, settings.planner, found, rollouts, scattered, given.evidence)
+    return describe(task, given.strings, given.planner, found, rollouts, scattered, given.evidence)
 
 
 def _inputs(
@@ -216,10 +220,12 @@ def _inputs(
     settings: PlanSettings,
     rng: np.random.Generator,
     played: list[PastTrial],
+    method: str | None,
 ) -> SearchInputs:
-    servo = None if settings.planner == "paper" else fitted_servo(task, played)
+    servo = None if method == "paper" else fitted_servo(task, played)
     sizes = settings.disturbances * TYPICAL_SIZES
-    return SearchInputs(task, strings, RolloutConditions(servo), settings, rng, sizes)
+    inputs = SearchInputs(task, strings, RolloutConditions(servo), settings, rng, sizes)
+    return replace(inputs, planner=method or inputs.planner)
 
 
 def _unexplained_m(task: PlanningTask, rehearsal: PastTrial, near: Neighbourhood) -> float:

@@ -8,7 +8,7 @@ from strandcast.config.plan import PlanSettings
 from strandcast.core.disturbances import TYPICAL_SIZES
 from strandcast.core.strings import StringBatch
 from strandcast.planning.bezier import Curve
-from strandcast.planning.miss_calibration import NO_EVIDENCE, Evidence
+from strandcast.planning.miss_calibration import COUNTED, NO_EVIDENCE, Evidence
 from strandcast.planning.rollouts import RolloutConditions
 from strandcast.planning.task import PlanningTask
 
@@ -18,7 +18,7 @@ class SearchInputs:
     """The task, the strings and the conditions to simulate motions with, the settings, random numbers.
 
     ``sizes`` (1, 5) are those of the disturbances, see `planning.scenarios.disturbed`; ``evidence`` is what
-    past trials say of the prediction.
+    past trials say of the prediction; ``planner`` is ``ensemble`` or ``paper``.
     """
 
     task: PlanningTask
@@ -28,6 +28,7 @@ class SearchInputs:
     rng: np.random.Generator
     sizes: np.ndarray = field(default_factory=lambda: TYPICAL_SIZES)
     evidence: Evidence = NO_EVIDENCE
+    planner: str = COUNTED
 
 
 @dataclass(frozen=True, eq=False)

@@ -32,6 +32,7 @@ CAMERA = EXPERIMENT + "cameras/{camera}"
 _CALIBRATION = ("lens", "lens_name", "plane_photo", "board", "plane", "distortion", "string_offset_m")
 _PLANNED = (
     *("string", "plan", "seed", "start_string", "workspace_m", "target_m", "objective", "hit_radius_m"),
+    "method",
     *("estimate.dt_s", "estimate.search"),  # the search of the paper has its own last point
 )
 ALL_SETTINGS = tuple(Experiment.model_fields)  # the pages print all settings

@@ -144,18 +144,18 @@ def _first(files: Files, arm: Arm, random: np.random.Generator) -> Plan:
     What a rehearsal shows of the joints is used.
     """
     context = files.job.context
-    settings = context.settings.plan
+    settings, method = context.settings.plan, context.settings.method
     known = bool(files.inputs("known_string"))
     task, strings = known_inputs(files, arm, random) if known else first_inputs(context, arm, random)
     rehearsal = rehearsal_of(files, task)
-    plan = plan_first(task, strings, settings, random, rehearsal=rehearsal)
+    plan = plan_first(task, strings, settings, random, rehearsal, method)
     return task, plan
 
 
 def _next(files: Files, arm: Arm, trials: list[Trial], random: np.random.Generator) -> Plan:
     """Plan with the strings fitted after the newest trial, and with all trials that were played."""
-    context, settings = files.job.context, files.job.context.settings.plan
+    context, settings = files.job.context, files.job.context.settings
     task, strings = next_inputs(context, arm, files.input("ensemble"))
     estimate = Estimate.read(files.input("estimate"))
     played = [past_trial_of(trial, task) for trial in trials if trial.motion is not None]
-    return task, plan_next(task, strings, played, settings, random, estimate.E_m)
+    return task, plan_next(task, strings, played, settings.plan, random, estimate.E_m, settings.method)

@@ -277,8 +277,8 @@ def test_an_agent_of_ones_own_is_thrown_and_only_its_last_throws_count(
 def test_both_planners_get_the_same_string_and_target(string: int) -> None:
     ours, papers = (named_settings(string, 5, method)[1] for method in ("default", "paper"))
     assert all(ours[key] == papers[key] for key in ("string", "target_m", "seed", "lab"))
-    assert papers["plan"]["planner"] == "paper"
-    assert "planner" not in ours.get("plan", {})
+    assert papers["method"] == "paper"
+    assert "method" not in ours
     assert task_of(string, 5).experiment.target_m == tuple(ours["target_m"])
 
 

@@ -75,7 +75,7 @@ def paper(
         reach_m=0.7,
         workspace_m=Box(x_m=(-0.75, 1.25), y_m=(-0.32, 0.8)),
         times=[StageTime("default", "track", 20.0, 14.0), StageTime("default", "track", 30.0, None)],
-        settings={"paper": {"estimate.w": "0.1", "plan.planner": "paper"}, "default": {"estimate.w": "0.2"}},
+        settings={"paper": {"estimate.w": "0.1", "method": "paper"}, "default": {"estimate.w": "0.2"}},
         budget=error_budget(),
     )
     folders = {run.experiment: root / run.experiment for run in runs}

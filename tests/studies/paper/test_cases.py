@@ -64,14 +64,14 @@ def test_all_experiments_can_be_loaded(plan, tmp_path):
         assert experiment.seed == case.seed >= plan.first_seed
         assert experiment.target_m == plan.target(case.target).target_m
         assert experiment.lab.string == f"paper-{case.string}"
-        assert experiment.plan.planner == ("paper" if case.method == "paper" else "ensemble")
+        assert experiment.method == ("paper" if case.method == "paper" else None)
 
 
 def test_the_papers_method_is_the_papers(plan):
     settings = settings_of(plan, PaperCase("paper", 101, 5, 3, "paper"))
     assert settings["start_string"] == "minima"
     assert settings["plan"]["duration_s"] == [0.2, 1.2]
-    assert settings["plan"]["planner"] == "paper"
+    assert settings["method"] == "paper"
     wanted = {"search": "paper", "ranges": "paper", "trials": "latest", "horizon_s": None}
     assert wanted.items() <= settings["estimate"].items()
     assert "estimate" not in settings_of(plan, PaperCase("paper", 101, 5, 3, "default"))

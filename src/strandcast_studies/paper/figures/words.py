@@ -100,7 +100,7 @@ READINGS = (
     (
         "Section V-B",
         "“± 0.5 rad/s of their previous position”: of the last motion, or of the last try?",
-        "planner: {plan.planner}; “paper” changes the last thrown motion",
+        "method: {method}; “paper” changes the last thrown motion",
     ),
     (
         "Section V",
