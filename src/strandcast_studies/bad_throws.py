@@ -58,7 +58,7 @@ SETTINGS: dict[str, Any] = {
         },
     },
     "estimate": {"evaluations": 1500, "ensemble": 6, "profiles": False},
-    "plan": {"screening": 256, "evaluations": 400, "ensemble": 6},
+    "plan": {"evaluations": 400, "ensemble": 6},
 }
 
 

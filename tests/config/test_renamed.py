@@ -133,6 +133,11 @@ def test_readings_of_the_papers_method_are_fixed(tmp_path, caplog):
             "plan: {use_servo: true, finer: false, carry_residual: true}\n",
             "plan: {}\n",
         ),
+        (
+            "method: paper\nplan: {evaluations: 9, screening: 500}\n",
+            "method: paper\nplan: {evaluations: 500}\n",
+        ),
+        ("plan: {screening: 900, duration_s: [0.4, 1]}\n", "plan: {duration_s: [0.4, 1]}\n"),
         ("plan: {planner: ensemble, evaluations: 900}\n", "plan: {evaluations: 900}\n"),
         (
             "plan: {mesh_refinement:  true,  ensemble: 4}  # few\n",

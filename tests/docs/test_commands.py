@@ -56,7 +56,7 @@ RUN_BY = {  # the beginning of a command, and the test or script that runs it el
 }
 QUICK = """
 estimate: {evaluations: 100, ensemble: 2, profiles: false}
-plan: {screening: 64, evaluations: 240, ensemble: 1}
+plan: {evaluations: 240, ensemble: 1}
 """
 CAPTURE = """\
 import strandcast

@@ -33,7 +33,7 @@ camera:
       - {id: 3, x_m: -0.65, y_m: -0.22}
       - {id: 5, x_m: 1.15, y_m: -0.22}
 estimate: {evaluations: 100, ensemble: 2, profiles: false}
-plan: {screening: 16, evaluations: 16, ensemble: 1}
+plan: {evaluations: 16, ensemble: 1}
 lab:
   noise: 0.5
   camera: {size_px: [640, 360], frame_rate_hz: 100}

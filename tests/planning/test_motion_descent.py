@@ -127,7 +127,7 @@ def test_random_motions_are_ranked_by_all_strings_though_most_meet_only_one(
 def test_a_descent_finds_a_throw_near_the_best_of_some_random_ones(task: PlanningTask) -> None:
     rng = np.random.default_rng(1)
     strings = start_strings_in_space(2, 0.4, mass_layout(0.4, 10, [0.4]), rng)
-    given = SearchInputs(task, strings, RolloutConditions(), PlanSettings(screening=64), rng)
+    given = SearchInputs(task, strings, RolloutConditions(), PlanSettings(evaluations=64), rng)
     encoding = Encoding(6, 6, (0.35, 0.9), task.step_s)
     best = encoding.point(screen(given, 1)[0][0])
 

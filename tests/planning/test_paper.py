@@ -17,7 +17,7 @@ from strandcast.planning.rollouts import RolloutConditions, rollouts_of_curves
 from strandcast.planning.search import SearchInputs
 from strandcast.planning.task import PlanningTask
 
-SETTINGS = PlanSettings(duration_s=(0.2, 1.2), screening=256)
+SETTINGS = PlanSettings(duration_s=(0.2, 1.2), evaluations=256)
 PRIOR = CurvePrior("paper", (0.2, 1.2), 6, 60.0)
 
 
@@ -45,7 +45,7 @@ def test_it_stops_at_the_first_simulated_hit(task: PlanningTask, strings: String
     wide = replace(task, hit_radius_m=0.08)
     found = first_by_paper(given(wide, strings, 7))
     assert not found.flags
-    assert found.simulations < SETTINGS.screening
+    assert found.simulations < SETTINGS.evaluations
     # Everything drawn before it missed. The draws come in batches; the rest of the batch is not used.
     draws = draw_first(32, PRIOR, bounds(task), np.random.default_rng(7))
     before = misses(task, strings, draws)
@@ -56,7 +56,7 @@ def test_it_stops_at_the_first_simulated_hit(task: PlanningTask, strings: String
 
 
 def test_the_nearest_is_thrown_at_the_end_of_the_budget(task: PlanningTask, strings: StringBatch) -> None:
-    found = first_by_paper(given(replace(task, hit_radius_m=1e-9), strings, 4, screening=40))
+    found = first_by_paper(given(replace(task, hit_radius_m=1e-9), strings, 4, evaluations=40))
     assert found.flags == ["no simulated hit within the budget: the best so far is thrown"]
     assert found.simulations == 40
 
@@ -80,7 +80,7 @@ def test_later_motions_keep_posture_and_time_and_change_by_at_most_half_a_radian
     task: PlanningTask, strings: StringBatch, first: Curve
 ) -> None:
     never = replace(task, hit_radius_m=1e-9)
-    found = later_by_paper(given(never, strings, 5, screening=64), first)
+    found = later_by_paper(given(never, strings, 5, evaluations=64), first)
     change = found.curve.heights_rad_s - first.heights_rad_s
     np.testing.assert_array_equal(found.curve.q0_rad, first.q0_rad)
     assert found.curve.duration_s == first.duration_s
@@ -93,9 +93,9 @@ def test_later_motions_keep_posture_and_time_and_change_by_at_most_half_a_radian
 def test_an_arm_with_a_limited_jerk_needs_no_ramp(task: PlanningTask, strings: StringBatch) -> None:
     smooth = replace(task.arm.limits, jerk_rad_s3=np.full(3, 5e3))
     never = replace(task, hit_radius_m=1e-9, arm=replace(task.arm, limits=smooth))
-    found = first_by_paper(given(never, strings, 1, screening=16))
+    found = first_by_paper(given(never, strings, 1, evaluations=16))
     assert found.curve.ramp_s == 0.0
-    later = later_by_paper(given(never, strings, 2, screening=16), found.curve)
+    later = later_by_paper(given(never, strings, 2, evaluations=16), found.curve)
     np.testing.assert_array_equal(later.curve.heights_rad_s[:, [0, 1, -2, -1]], 0.0)
 
 
@@ -104,7 +104,7 @@ def test_an_arm_that_cannot_follow_the_papers_slopes_gets_smaller_ones(
 ) -> None:
     weak = replace(task.arm.limits, acceleration_rad_s2=np.full(3, 12.0))
     never = replace(task, hit_radius_m=1e-9, arm=replace(task.arm, limits=weak))
-    found = first_by_paper(given(never, strings, 1, screening=4))
+    found = first_by_paper(given(never, strings, 1, evaluations=4))
     assert violations(never.arm, sample(found.curve, task.step_s)) == []
 
 
@@ -114,4 +114,4 @@ def test_an_error_where_no_alteration_keeps_the_limits(
     tight = replace(task.arm.limits, velocity_rad_s=np.full(3, 0.01))
     slow = replace(task, arm=replace(task.arm, limits=tight))
     with pytest.raises(StrandcastError, match="SC-P004"):
-        later_by_paper(given(slow, strings, 5, screening=2), first)
+        later_by_paper(given(slow, strings, 5, evaluations=2), first)

@@ -63,7 +63,7 @@ FIRST = Curve(
         )
     ),
 )
-SMALL = PlanSettings(screening=64, evaluations=480, ensemble=3)
+SMALL = PlanSettings(evaluations=480, ensemble=3)
 TRUE_SERVO = Servo(np.full(3, 0.012), np.full(3, 30.0), np.array([0.7, 0.8, 0.9]), np.full(3, 0.97))
 
 
@@ -229,7 +229,7 @@ def test_the_papers_rubber_string_is_thrown_from_where_a_real_one_hangs_freely(
 ) -> None:
     draw = minima(1)
     rubber = StringBatch(draw.parameters, point_masses(replace(LAYOUT, tip=1.0), draw.weight_masses))
-    plan = planned(task, rubber, seed)
+    plan = planned(task, rubber, seed, evaluations=960)  # after fewer it may end some mm outside
     q0 = plan.curve.q0_rad[None]
     assert start_violation_m(task.arm, 0.30, task.box(), CLEARANCE_M, q0)[0] == 0.0
     # The model stretches to more than twice the string's length; what is thrown stays in the workspace.
@@ -264,7 +264,7 @@ def test_a_hidden_closest_approach_does_not_hide_a_good_throw(
 def test_planning_gives_the_same_bytes_on_one_core_or_two(
     task: PlanningTask, strings: StringBatch, trial: PastTrial, tmp_path: Path
 ) -> None:
-    small = {"screening": 32, "evaluations": 160, "ensemble": 4}
+    small = {"evaluations": 160, "ensemble": 4}
     written = []
     for cores in (2, 1):
         with threads(cores):
@@ -282,7 +282,7 @@ def test_after_a_motion_without_control_heights_the_plan_is_from_scratch(
     task: PlanningTask, strings: StringBatch, trial: PastTrial
 ) -> None:
     bare = replace(trial, curve=None)
-    plan = planned_next(task, strings, bare, screening=32, evaluations=200)
+    plan = planned_next(task, strings, bare, evaluations=200)
     assert plan.kind == "replanned"
     assert plan.parent_trial is None
     with pytest.raises(StrandcastError, match="SC-P005"):
@@ -394,7 +394,7 @@ def test_a_motion_from_nothing_is_taken_where_those_near_the_trial_miss(
 
 
 def test_the_papers_planner_by_name(task: PlanningTask, strings: StringBatch, unknown: StringBatch) -> None:
-    settings = PlanSettings(duration_s=(0.2, 1.2), screening=256)
+    settings = PlanSettings(duration_s=(0.2, 1.2), evaluations=256)
     plan = plan_first(task, strings, settings, np.random.default_rng(4), method="paper")
     assert plan.miss_m <= 0.02
     assert plan.planner == "paper"
@@ -406,7 +406,7 @@ def test_the_papers_planner_by_name(task: PlanningTask, strings: StringBatch, un
     change = later.curve.heights_rad_s - plan.curve.heights_rad_s
     assert 0.0 < np.abs(change).max() <= 0.5
     np.testing.assert_array_equal(later.curve.q0_rad, plan.curve.q0_rad)
-    never, few = replace(task, hit_radius_m=1e-9), settings.model_copy(update={"screening": 32})
+    never, few = replace(task, hit_radius_m=1e-9), settings.model_copy(update={"evaluations": 32})
     none = plan_first(never, strings, few, np.random.default_rng(4), method="paper")
     assert "no simulated hit within the budget: the best so far is thrown" in none.flags
     assert none.simulations == 32
@@ -426,7 +426,7 @@ def test_a_target_in_reach_that_nothing_found_comes_near_is_flagged_with_the_dis
 ) -> None:
     calm = replace(task.arm.limits, velocity_rad_s=np.full(3, 0.5))
     slow = replace(task, arm=replace(task.arm, limits=calm), target_m=np.array([0.30, 0.75]))
-    plan = plan_first(slow, strings, PlanSettings(screening=16, evaluations=100), np.random.default_rng(0))
+    plan = plan_first(slow, strings, PlanSettings(evaluations=100), np.random.default_rng(0))
     assert plan.miss_m > 0.05
     (flag,) = plan.flags
     by_mm = 1e3 * plan.miss_quantile_m(0.5)
@@ -482,7 +482,7 @@ def test_the_reported_number_of_rollouts_is_that_simulated(
     monkeypatch.setattr(motion_descent, "rollouts_of_paths", counted)
     # No motion is good enough, so the search is repeated.
     narrow = replace(task, hit_radius_m=1e-6)
-    plan = planned(narrow, strings, screening=8, **budget)
+    plan = planned(narrow, strings, **budget)
     assert plan.simulations == sum(simulated)
 
 
@@ -527,7 +527,7 @@ def test_an_arm_with_limited_jerk_throws(project_root: Path, strings: StringBatc
     arm = load_arm(project_root / "config/arms/fr3-example.toml").planar()
     assert np.isfinite(arm.limits.jerk_rad_s3).all()
     task = PlanningTask(arm, StringModel(0.30, 10), np.array([0.75, 0.30]), 0.02)
-    settings = PlanSettings(screening=64, evaluations=320, ensemble=2, duration_s=(0.6, 1.2))
+    settings = PlanSettings(evaluations=320, ensemble=2, duration_s=(0.6, 1.2))
     plan = plan_first(task, strings, settings, np.random.default_rng(0))
     check_motion(tmp_path, to_record(plan, task, "test", 1, 0, {}), arm)
     assert plan.miss_m < 0.03
@@ -563,7 +563,7 @@ def test_the_record_holds_the_motion_and_comes_back(
 def test_three_parallel_joints_of_six_throw(project_root: Path, strings: StringBatch) -> None:
     arm = load_arm(project_root / "config/arms/ur5e-example.toml").planar()
     task = PlanningTask(arm, StringModel(0.30, 10), np.array([0.95, 0.45]), 0.02)
-    settings = PlanSettings(screening=96, evaluations=480, ensemble=3, duration_s=(0.6, 1.2))
+    settings = PlanSettings(evaluations=480, ensemble=3, duration_s=(0.6, 1.2))
     plan = plan_first(task, strings, settings, np.random.default_rng(0))
     motion = plan.motion
     assert violations(arm, motion) == []

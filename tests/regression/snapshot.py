@@ -39,7 +39,7 @@ BAR = {
     "seed": 11,
     "workspace_m": {"x_m": [-0.95, 1.45], "y_m": [-0.55, 0.95]},
     "estimate": {"forces": ["rest_curl", "drag_along", "stiff_bend"], "evaluations": 2000},
-    "plan": {"screening": 300, "evaluations": 600},
+    "plan": {"evaluations": 600},
     "align": {"led": {"place_m": [-0.60, 0.40]}},
     "lab": {"string": "paper-4", "servo": "stiff"},
 }
@@ -55,7 +55,7 @@ SWING = {
     "start_string": "minima",
     "workspace_m": {"x_m": [-0.85, 1.35], "y_m": [-0.45, 0.90]},
     "estimate": {"search": "descent", "evaluations": 1500, "clamp_offset_sd_rad": 0.05},
-    "plan": {"screening": 300, "evaluations": 600, "ensemble": 6},
+    "plan": {"evaluations": 600, "ensemble": 6},
     "lab": {"string": {"linear_density_kg_m": 0.006, "curl_rad_m": 1.0}, "servo": "pd"},
 }
 CAPTURE = {

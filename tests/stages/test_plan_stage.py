@@ -43,7 +43,7 @@ from strandcast.workflow.verify import verify
 from strandcast_studies.benchmarks.loop.throw import LoopRig, throw
 
 ARM = "config/arms/planar3.toml"
-SMALL = "plan: {screening: 16, evaluations: 100, ensemble: 2}\n"
+SMALL = "plan: {evaluations: 100, ensemble: 2}\n"
 BAR = "objective: {kind: segment, ends_m: [[0.8, 0.25], [0.8, 0.45]]}\n"
 
 
@@ -293,7 +293,7 @@ def test_a_bar_is_planned_for_and_the_file_is_the_same_each_time(
 
 
 def test_the_papers_planner_has_the_papers_times_and_commanded_angles(root: Path) -> None:
-    text = "target_m: [0.5, 0.5]\nmethod: paper\nplan: {screening: 24}\n"
+    text = "target_m: [0.5, 0.5]\nmethod: paper\nplan: {evaluations: 24}\n"
     write(root, "paper", text)
     motion = planned(root, "paper")
     assert motion.provenance is not None

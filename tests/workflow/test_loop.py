@@ -443,7 +443,7 @@ AFTER_TRACK = AFTER_ALIGN | {"track", "reconstruct"}
     [
         ("A small throw", "Another title", {"report", "summary"}),
         ("hit_radius_m: 0.02", "hit_radius_m: 0.03", AFTER_PLAN | {"score"}),
-        ("screening: 16", "screening: 17", AFTER_PLAN),
+        ("evaluations: 16", "evaluations: 17", AFTER_PLAN),
         ("evaluations: 100", "evaluations: 150", AFTER_ESTIMATE),
         ("seed: 3", "seed: 4", AFTER_ESTIMATE),
         ("seed: 3", "seed: 3\nobjective: {kind: swing, height_m: 0.6}", AFTER_ESTIMATE | {"score"}),

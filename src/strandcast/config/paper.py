@@ -15,7 +15,7 @@ PRESET: dict[str, Any] = {
     },
     "plan": {
         "duration_s": [0.2, 1.2],  # section V-A
-        "screening": 2400,  # motions tried before the best so far is thrown; not given
+        "evaluations": 2400,  # motions tried before the best so far is thrown; not given
     },
 }
 

@@ -20,15 +20,11 @@ class PlanSettings(Section):
         description="Free points of each joint's velocity curve. Raise it for a target that needs a "
         "complicated motion.",
     )
-    screening: Annotated[int, Field(ge=8, le=100_000)] = Field(
-        1500,
-        description="Random motions before the search; with method: paper all of its tries. Raise "
-        "it if no motion within the limits is found.",
-    )
     evaluations: Annotated[int, Field(ge=8, le=1_000_000)] = Field(
         1500,
-        description="Most motions in a search; for later motions two thirds. Raise it if the predicted "
-        "miss is large although the target is within reach.",
+        description="Random motions before a search, and most motions in it; for later motions two thirds. "
+        "With method: paper all of its tries (2400). Raise it if no motion within the limits is found, or if "
+        "the predicted miss is large although the target is within reach.",
     )
     ensemble: Annotated[int, Field(ge=1, le=64)] = Field(
         16,

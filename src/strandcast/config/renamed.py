@@ -67,6 +67,7 @@ RENAMED: tuple[Renamed, ...] = (
     *(Renamed(f"cameras.*.{board}.{name}", None) for board in BOARDS for name in ("legacy", "first_id")),
     *(Renamed(f"cameras.*.{name}", "cameras.*.lens") for name in ("lens_photos", "lens_video", "lens_file")),
     Renamed("plan.planner", None),  # by the method
+    Renamed("plan.screening", None),  # as many as evaluations
     Renamed("plan.finer", None),
     Renamed("plan.mesh_refinement", None),
     Renamed("plan.carry_residual", None),
@@ -121,7 +122,13 @@ def with_new_names(data: CommentedMap, file: Path) -> list[Change]:
     StrandcastError
         SC-F003 a setting is given under both names.
     """
-    asked = [*_with_method(data), *_with_forces(data, file), *_with_clamp(data), *_with_noise(data, file)]
+    asked = [
+        *_with_method(data),
+        *_with_forces(data, file),
+        *_with_tries(data),
+        *_with_clamp(data),
+        *_with_noise(data, file),
+    ]
     changed = (
         _changed(section, change, file)
         for change in RENAMED
@@ -192,6 +199,14 @@ def _with_method(data: CommentedMap) -> list[Change]:
                     data.insert(0, "method", "paper")
                     data.lc.data["method"] = place
     return found
+
+
+def _with_tries(data: CommentedMap) -> Iterator[Change]:
+    """Write the tries of the paper's planner, which had no other evaluations, as these."""
+    for plan in _sections(data, ["plan"]) if data.get("method") == "paper" else ():
+        if "screening" in plan:
+            given = [name for name in plan if name in ("screening", "evaluations")]
+            yield from _replaced(plan, "plan", given, {"evaluations": plan["screening"]})
 
 
 def _with_forces(data: CommentedMap, file: Path) -> list[Change]:

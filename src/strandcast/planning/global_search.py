@@ -103,7 +103,7 @@ def screen(given: SearchInputs, count: int) -> tuple[list[Curve], int]:
     """
     task, settings, strings = given.task, given.settings, given.strings.first(SCREENED_WITH)
     drawn = draw_first(
-        settings.screening,
+        settings.evaluations,
         CurvePrior("rest", settings.duration_s, settings.control_points, LARGEST_SLOPE_RAD_S2),
         JointBounds(task.arm, task.step_s, task.dynamics),
         given.rng,

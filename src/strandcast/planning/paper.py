@@ -89,7 +89,7 @@ def _search(given: SearchInputs, kind: str, draw: Callable[[int], list[Curve]]) 
 
     A motion counts as tried if it comes before the first hit, in the order of the draws.
     """
-    task, one, budget = given.task, given.strings.take([0]), given.settings.screening
+    task, one, budget = given.task, given.strings.take([0]), given.settings.evaluations
     progress = Progress("plan: random motions", total=budget)
     nearest, least_m, tried = None, np.inf, 0
     while tried < budget:

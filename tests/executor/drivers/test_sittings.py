@@ -43,7 +43,7 @@ camera:
       - {{id: 3, x_m: 0.00, y_m: -0.30}}
       - {{id: 5, x_m: 1.30, y_m: -0.30}}
 estimate: {{evaluations: 100, ensemble: 2, profiles: false}}
-plan: {{screening: 16, evaluations: 16, ensemble: 1}}
+plan: {{evaluations: 16, ensemble: 1}}
 """
 LAB = """\
 lab:

@@ -36,7 +36,7 @@ from strandcast_studies.benchmarks.loop.throw import LoopRig, throw
 from strandcast_studies.paper.cases import FILE, PaperCase, load_plan, merged, settings_of
 
 COUNTS = [3, 5, 8]
-SMALL_PLAN = {"plan": {"screening": 300, "evaluations": 600}}
+SMALL_PLAN = {"plan": {"evaluations": 600}}
 NEAR_M = 0.15  # targets differ by up to this along each axis; chosen, within reach of all strings
 
 

@@ -48,7 +48,7 @@ VARIANTS: dict[str, dict[str, Any]] = {
     "paper": {},
     "paper_wide": {"estimate": {"ranges": "wide"}},  # the paper's ranges limit masses to 20 plain points
     "minima": {"start_string": "minima"},
-    "small_search": {"plan": {"screening": 480, "evaluations": 800}},
+    "small_search": {"plan": {"evaluations": 800}},
     "four_strings": {"plan": {"ensemble": 4}},
     "undisturbed": {"plan": {"disturbances": 0.0}},
     "latest_only": {"estimate": {"trials": "latest"}},

@@ -20,7 +20,7 @@ from strandcast_studies.benchmarks.space.drawn import SpaceCase, drawn_case
 
 NAME = "cast"
 BUDGET = """\
-plan: {screening: 800, evaluations: 1800, duration_s: [0.4, 1.3]}
+plan: {evaluations: 1800, duration_s: [0.4, 1.3]}
 estimate: {evaluations: 800, ensemble: 8}
 """
 

@@ -51,7 +51,7 @@ REPORTED_SEEDS = range(7001, 7021)
 POINTS = THROWN_POINTS
 # Chosen: some twenty seconds of one core. These arms are slower than those of the plane, and on tuning seeds
 # motions of up to 1.3 s hit targets that shorter ones miss.
-PLAN = PlanSettings(screening=800, evaluations=1800, duration_s=(0.4, 1.3))
+PLAN = PlanSettings(evaluations=1800, duration_s=(0.4, 1.3))
 ESTIMATE = EstimateSettings(evaluations=800, ensemble=8).in_space(thrown=True)
 HIT_RADIUS_M = 0.020
 JOINTS_SMOOTHED = 11  # samples of the joint log: its noise would shake the string; chosen

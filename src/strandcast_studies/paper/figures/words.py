@@ -105,7 +105,7 @@ READINGS = (
     (
         "Section V",
         "what if no simulated motion hits?",
-        "random motions: {plan.screening}; then the nearest is thrown and flagged",
+        "random motions: {plan.evaluations}; then the nearest is thrown and flagged",
     ),
     ("Section V-C", "hit tolerance, size of the target", "hit radius {hit_radius_m} m for the tip’s path"),
     ("Fig. 6", "five targets in the text, four in Fig. 5; one place is printed", "targets 2 to 5 are ours"),
