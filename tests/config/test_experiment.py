@@ -150,8 +150,8 @@ def test_all_problems_are_reported_at_once_with_their_lines(tmp_path):
             "the shape's place at 0.5 m lies beyond the string's 0.3 m",
         ),
         (
-            GOOD + "objective: {kind: segment, ends_m: [[0, 0], [1, 1]], tolerance_rad: 0.3}\n",
-            "objective.tolerance_rad: there is no such setting\n        Fix: one of: kind, ends_m",
+            GOOD + "objective: {kind: segment, ends_m: [[0, 0], [1, 1]], least_speed_m_s: 3}\n",
+            "objective.least_speed_m_s: there is no such setting\n        Fix: one of: kind, ends_m",
         ),
     ],
 )

@@ -138,6 +138,11 @@ def test_readings_of_the_papers_method_are_fixed(tmp_path, caplog):
             "method: paper\nplan: {evaluations: 500}\n",
         ),
         ("plan: {screening: 900, duration_s: [0.4, 1]}\n", "plan: {duration_s: [0.4, 1]}\n"),
+        (
+            "objective:\n  kind: point\n  tolerance_rad: 0.2\n  direction_rad: 1\n",
+            "objective:\n  kind: point\n  direction_rad: [1, 0.2]\n",
+        ),
+        ("objective: {kind: point, tolerance_rad: 0.2}\n", "objective: {kind: point}\n"),
         ("plan: {planner: ensemble, evaluations: 900}\n", "plan: {evaluations: 900}\n"),
         (
             "plan: {mesh_refinement:  true,  ensemble: 4}  # few\n",

@@ -1,6 +1,7 @@
 """Each kind of objective: its miss on simple paths, and a plan that reaches it."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -47,7 +48,7 @@ def swing(**wanted: float) -> SwingObjective:
     return SwingObjective(kind="swing", **wanted)
 
 
-def aimed(target_m: tuple[float, float], direction_rad: float | None = None, **wanted: float) -> AimedPoint:
+def aimed(target_m: tuple[float, float], direction_rad: Any = None, **wanted: float) -> AimedPoint:
     return AimedPoint(target_m=target_m, direction_rad=direction_rad, **wanted)
 
 
@@ -160,7 +161,7 @@ def again(task: PlanningTask, strings: StringBatch, plan: PlannedMotion) -> tupl
 
 @pytest.mark.thorough
 def test_a_plan_hits_a_point_from_above_and_fast(task: PlanningTask, strings: StringBatch) -> None:
-    wanted = aimed((0.62, 0.05), -np.pi / 2, tolerance_rad=0.5, least_speed_m_s=3.0)
+    wanted = aimed((0.62, 0.05), (-np.pi / 2, 0.5), least_speed_m_s=3.0)
     plan = planned(task, strings, wanted)
     assert plan.miss_m < 0.04
     points, k = again(task, strings, plan)
@@ -229,7 +230,7 @@ def beside(kind: str, points: np.ndarray, step_s: float, offset_m: float) -> Obj
     if kind == "swing":
         return swing(speed_m_s=float(speed[k]) + 0.6)
     direction_rad = float(np.arctan2(along[1], along[0]))
-    return aimed(near, direction_rad, tolerance_rad=0.4, least_speed_m_s=0.8 * float(speed[k]))
+    return aimed(near, (direction_rad, 0.4), least_speed_m_s=0.8 * float(speed[k]))
 
 
 @pytest.mark.parametrize("kind", ["segment", "shape", "swing", "direction"])

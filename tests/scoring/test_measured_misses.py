@@ -44,8 +44,8 @@ def scored(objective: Objective, track: Track | None = None) -> Verdict:
 
 
 def passing(target_m, direction_rad, tolerance_rad, least_speed_m_s) -> AimedPoint:
-    velocity = {"direction_rad": direction_rad, "least_speed_m_s": least_speed_m_s}
-    return AimedPoint(target_m=target_m, tolerance_rad=tolerance_rad, **velocity)
+    direction = None if direction_rad is None else (direction_rad, tolerance_rad)
+    return AimedPoint(target_m=target_m, direction_rad=direction, least_speed_m_s=least_speed_m_s)
 
 
 def shape(*places: tuple[float, tuple[float, float]]) -> ShapeObjective:

@@ -15,11 +15,6 @@ class PlanSettings(Section):
         description="Shortest and longest first motion. Raise both for a slow arm; lower the shortest for a "
         "fast one.",
     )
-    control_points: Annotated[int, Field(ge=3, le=20)] = Field(
-        6,
-        description="Free points of each joint's velocity curve. Raise it for a target that needs a "
-        "complicated motion.",
-    )
     evaluations: Annotated[int, Field(ge=8, le=1_000_000)] = Field(
         1500,
         description="Random motions before a search, and most motions in it; for later motions two thirds. "

@@ -10,6 +10,7 @@ from ruamel.yaml.comments import CommentedMap
 from strandcast.config.align import DRIFT_SD, LATENCY_SD_S
 from strandcast.config.camera import OFFSET_SD_M
 from strandcast.config.lab import LAB_SIZE_PX, TYPICAL
+from strandcast.core.objectives import TOLERANCE_RAD
 from strandcast.core.strings import FORCES
 from strandcast.errors import StrandcastError
 
@@ -50,6 +51,7 @@ MERGED = (
     Merged("align.led", ("x_m", "y_m"), "place_m", (None, None)),
     Merged("align.led", ("latency_s", "latency_sd_s"), "latency_s", (0.0, LATENCY_SD_S)),
     Merged("cameras.*", ("string_offset_m", "string_offset_sd_m"), "string_offset_m", (0.0, OFFSET_SD_M)),
+    Merged("objective", ("direction_rad", "tolerance_rad"), "direction_rad", (None, TOLERANCE_RAD)),
     Merged("lab.camera", ("width_px", "height_px"), "size_px", LAB_SIZE_PX),
 )
 
@@ -66,7 +68,9 @@ RENAMED: tuple[Renamed, ...] = (
     # Calibration recognises them.
     *(Renamed(f"cameras.*.{board}.{name}", None) for board in BOARDS for name in ("legacy", "first_id")),
     *(Renamed(f"cameras.*.{name}", "cameras.*.lens") for name in ("lens_photos", "lens_video", "lens_file")),
+    Renamed("objective.tolerance_rad", None),  # without a direction
     Renamed("plan.planner", None),  # by the method
+    Renamed("plan.control_points", None),
     Renamed("plan.screening", None),  # as many as evaluations
     Renamed("plan.finer", None),
     Renamed("plan.mesh_refinement", None),
@@ -150,7 +154,8 @@ def _merged(data: CommentedMap, merged: Merged, file: Path) -> Iterator[Change]:
         values = [
             section.get(name, default) for name, default in zip(merged.old, merged.defaults, strict=True)
         ]
-        yield from _replaced(section, merged.section, given, {merged.new: values})
+        if None not in values:
+            yield from _replaced(section, merged.section, given, {merged.new: values})
 
 
 def _replaced(

@@ -12,7 +12,7 @@ from typing import Annotated, Any, ClassVar, Literal, TypeVar, Union, get_args
 from pydantic import Field, GetCoreSchemaHandler, model_validator
 from pydantic_core import CoreSchema
 
-from strandcast.core.quantities import Place, Position
+from strandcast.core.quantities import Place, Position, value_and_sd
 from strandcast.core.registry import Registry
 from strandcast.core.section import Section
 
@@ -72,21 +72,21 @@ class Objective(Section):
         return self
 
 
+Direction = Annotated[float, Field(ge=-7, le=7)]
+TOLERANCE_RAD = 0.35  # chosen
+
+
 class PointObjective(Objective):
     """The tip hits the target; on request moving in a direction, and not too slowly."""
 
     kind: Literal["point"] = Field(
         "point", description="The tip hits target_m. Leave it out unless you set direction or speed."
     )
-    direction_rad: Annotated[float, Field(ge=-7, le=7)] | None = Field(
+    direction_rad: Direction | tuple[Direction, Annotated[float, Field(gt=0, le=math.pi)]] | None = Field(
         None,
-        description="Direction of the tip at the hit, counter-clockwise from x; by default any. Set it if"
-        " the tip must arrive from one side.",
-    )
-    tolerance_rad: Annotated[float, Field(gt=0, le=math.pi)] = Field(
-        0.35,
-        description="Allowed deviation of the direction; beyond it the miss grows by 1 m/rad. Lower it "
-        "where only one direction works.",
+        description="Direction of the tip at the hit, counter-clockwise from x, by default any; and the "
+        f"allowed deviation, by default {TOLERANCE_RAD}, beyond which the miss grows by 1 m/rad. Set it if "
+        "the tip must arrive from one side.",
     )
     least_speed_m_s: Annotated[float, Field(ge=0, le=100)] = Field(
         0.0,
@@ -97,6 +97,11 @@ class PointObjective(Objective):
     target_field: ClassVar[str] = "target_m"
 
     @property
+    def direction_and_tolerance_rad(self) -> tuple[float, float] | None:
+        """The direction and how far from it the tip may move [rad]; None: any direction will do."""
+        return None if self.direction_rad is None else value_and_sd(self.direction_rad, TOLERANCE_RAD)
+
+    @property
     def has_velocity(self) -> bool:
         """Whether the tip's direction or speed matters."""
         return self.direction_rad is not None or self.least_speed_m_s > 0.0
@@ -105,8 +110,8 @@ class PointObjective(Objective):
     def description(self) -> str:
         """The objective in words."""
         words = "point"
-        if self.direction_rad is not None:
-            direction_deg, tolerance_deg = math.degrees(self.direction_rad), math.degrees(self.tolerance_rad)
+        if self.direction_and_tolerance_rad is not None:
+            direction_deg, tolerance_deg = map(math.degrees, self.direction_and_tolerance_rad)
             words += f", the tip moving at {direction_deg:.0f}° ± {tolerance_deg:.0f}°"
         if self.least_speed_m_s > 0.0:
             words += f", at {self.least_speed_m_s:g} m/s at least"

@@ -24,6 +24,7 @@ BATCH = 256
 # A motion that asks for too much torque is slowed by this factor, so often at most; chosen.
 SLOWED, SLOWING = 0.8, 8
 
+FREE_HEIGHTS = 6  # of each joint's velocity curve; chosen, the paper does not give its N
 Reading = Literal["rest", "paper"]
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from strandcast.core.strings import StringBatch
 from strandcast.planning.bezier import Curve, rest_heights
 from strandcast.planning.cost import start_cost
-from strandcast.planning.draw import CurvePrior, JointBounds, draw_first
+from strandcast.planning.draw import FREE_HEIGHTS, CurvePrior, JointBounds, draw_first
 from strandcast.planning.motion_descent import HEIGHT_RAD_S, MotionResiduals, descend_motion, motion_residuals
 from strandcast.planning.paths import Curves, packed, whole_durations
 from strandcast.planning.scenarios import disturbed
@@ -67,7 +67,7 @@ def search_globally(given: SearchInputs) -> tuple[Curve, int]:
     given = replace(
         given, task=task, strings=disturbed(given.strings, settings.ensemble, joints, given.sizes)
     )
-    encoding = Encoding(joints, settings.control_points, settings.duration_s, task.step_s)
+    encoding = Encoding(joints, FREE_HEIGHTS, settings.duration_s, task.step_s)
     screened, simulations = screen(given, ROUNDS[0].descents)
     starts = [encoding.point(curve) for curve in screened]
     for number, (descents, share, members) in enumerate(ROUNDS, 1):
@@ -104,7 +104,7 @@ def screen(given: SearchInputs, count: int) -> tuple[list[Curve], int]:
     task, settings, strings = given.task, given.settings, given.strings.first(SCREENED_WITH)
     drawn = draw_first(
         settings.evaluations,
-        CurvePrior("rest", settings.duration_s, settings.control_points, LARGEST_SLOPE_RAD_S2),
+        CurvePrior("rest", settings.duration_s, FREE_HEIGHTS, LARGEST_SLOPE_RAD_S2),
         JointBounds(task.arm, task.step_s, task.dynamics),
         given.rng,
         lambda q0: start_cost(task, q0) == 0.0,

@@ -108,10 +108,9 @@ class _Passage(NamedTuple):
 
 
 def _passage(objective: AimedPoint) -> _Passage:
-    direction, tolerance = objective.direction_rad, objective.tolerance_rad
-    if direction is None:
-        return _Passage(*objective.target_m, True, 0.0, math.pi, objective.least_speed_m_s)
-    return _Passage(*objective.target_m, False, direction, tolerance, objective.least_speed_m_s)
+    wanted = objective.direction_and_tolerance_rad
+    direction, tolerance = wanted or (0.0, math.pi)
+    return _Passage(*objective.target_m, wanted is None, direction, tolerance, objective.least_speed_m_s)
 
 
 @njit(cache=True)

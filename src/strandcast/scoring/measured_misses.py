@@ -145,10 +145,11 @@ def passage_series(objective: AimedPoint, throw: TrackedThrow) -> Series:
     slow = SPEED_S * np.maximum(objective.least_speed_m_s - speed, 0.0)
     missed = missed + slow
     sigma = np.hypot(throw.sigma_m[:, -1], np.where(slow > 0.0, SPEED_S * sigma_m_s, 0.0))
-    if objective.direction_rad is not None:
-        off = np.arctan2(velocity[:, 1], velocity[:, 0]) - objective.direction_rad
+    if objective.direction_and_tolerance_rad is not None:
+        direction, tolerance = objective.direction_and_tolerance_rad
+        off = np.arctan2(velocity[:, 1], velocity[:, 0]) - direction
         off = np.abs((off + np.pi) % (2.0 * np.pi) - np.pi)
-        turned = DIRECTION_M_RAD * np.maximum(off - objective.tolerance_rad, 0.0)
+        turned = DIRECTION_M_RAD * np.maximum(off - tolerance, 0.0)
         missed = missed + turned
         beyond = np.where(turned > 0.0, DIRECTION_M_RAD * sigma_m_s / np.maximum(speed, 1e-9), 0.0)
         sigma = np.hypot(sigma, beyond)

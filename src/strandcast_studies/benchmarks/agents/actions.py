@@ -10,9 +10,9 @@ from strandcast.arm.load import PlanarArm
 from strandcast.config.plan import PlanSettings
 from strandcast.core.trajectory import JointTrajectory
 from strandcast.planning.bezier import Curve, rest_heights, sample, whole_steps
+from strandcast.planning.draw import FREE_HEIGHTS
 from strandcast.planning.paths import WITHIN
 
-FREE_HEIGHTS = PlanSettings().control_points
 # A Bezier curve stays below its heights: the planner's go up to 1.75 times the limit of the speed.
 HEIGHT_PER_LIMIT = 2.0
 SHORTEST_S, LONGEST_S = PlanSettings().duration_s

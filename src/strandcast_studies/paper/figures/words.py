@@ -94,7 +94,7 @@ READINGS = (
     (
         "Eq. 1",
         "V_0, the last V, α and N not given",
-        "V_0 = 0, α up to ± 60 rad/s², free heights: {plan.control_points}; “paper” leaves the end free and "
+        "V_0 = 0, α up to ± 60 rad/s², 6 free heights; “paper” leaves the end free and "
         "appends a stop ramp, in which hits count",
     ),
     (
