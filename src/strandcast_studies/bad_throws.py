@@ -57,8 +57,8 @@ SETTINGS: dict[str, Any] = {
             ],
         },
     },
-    "estimate": {"evaluations": 1500, "ensemble": 6, "profiles": False},
-    "plan": {"evaluations": 400, "ensemble": 6},
+    "estimate": {"evaluations": 1500, "profiles": False},
+    "plan": {"evaluations": 400},
 }
 
 

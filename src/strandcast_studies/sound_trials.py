@@ -33,7 +33,7 @@ from strandcast_studies.paper.cases import FILE, load_plan, merged
 
 # Searches smaller than the defaults: what is warned of hardly depends on them.
 SMALL: dict[str, Any] = {
-    "plan": {"evaluations": 600, "ensemble": 8},
+    "plan": {"evaluations": 600},
     "estimate": {"evaluations": 1500},
 }
 NUMBER = re.compile(r"[-+−]?\d+(\.\d+)?")

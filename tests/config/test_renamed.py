@@ -45,9 +45,9 @@ def test_what_was_dropped_is_left_out_with_its_line(tmp_path, caplog):
 
 
 def test_new_names_pass_in_silence():
-    data = loaded("plan: {ensemble: 4}\n")
+    data = loaded("plan: {evaluations: 400}\n")
     assert with_new_names(data, Path("e.yaml")) == []
-    assert dict(data["plan"]) == {"ensemble": 4}
+    assert dict(data["plan"]) == {"evaluations": 400}
 
 
 @pytest.mark.parametrize("cameras", ["camera: {lens_file: a.yaml}", "cameras: {left: {lens_file: a.yaml}}"])
@@ -143,12 +143,13 @@ def test_readings_of_the_papers_method_are_fixed(tmp_path, caplog):
             "objective:\n  kind: point\n  direction_rad: [1, 0.2]\n",
         ),
         ("objective: {kind: point, tolerance_rad: 0.2}\n", "objective: {kind: point}\n"),
+        ("plan: {ensemble: 4}\nestimate: {ensemble: 4}\n", "plan: {}\nestimate: {}\n"),
         ("plan: {planner: ensemble, evaluations: 900}\n", "plan: {evaluations: 900}\n"),
         (
-            "plan: {mesh_refinement:  true,  ensemble: 4}  # few\n",
-            "plan: {ensemble: 4}  # few\n",
+            "plan: {mesh_refinement:  true,  evaluations: 400}  # few\n",
+            "plan: {evaluations: 400}  # few\n",
         ),
-        ("plan:\n  scatter:\n    sway_rad: 0.1\n  ensemble: 4\n", "plan:\n  ensemble: 4\n"),
+        ("plan:\n  scatter:\n    sway_rad: 0.1\n  evaluations: 400\n", "plan:\n  evaluations: 400\n"),
         ("estimate: {paper: {beta: 0.9}, free_end: false}\n", "estimate: {}\n"),
         ("camera: {scale: arc, exposure_s: 0.001}\n", "camera: {exposure_s: 0.001}\n"),
         (

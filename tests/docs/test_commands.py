@@ -55,8 +55,8 @@ RUN_BY = {  # the beginning of a command, and the test or script that runs it el
     "python -m strandcast_studies": "tests/studies",
 }
 QUICK = """
-estimate: {evaluations: 100, ensemble: 2, profiles: false}
-plan: {evaluations: 240, ensemble: 1}
+estimate: {evaluations: 100, profiles: false}
+plan: {evaluations: 240}
 """
 CAPTURE = """\
 import strandcast
@@ -234,7 +234,7 @@ def test_a_cable_in_space_is_fitted(walk, tmp_path):
     space_captures.write_csv(folder / "capture-1.csv", named)
     page = (ROOT / "docs/how-to/capture-in-space.md").read_text()
     (settings,) = re.findall(r"```yaml\n(.*?)```", page, re.DOTALL)
-    quick = settings + "estimate: {evaluations: 100, ensemble: 2}\n"
+    quick = settings + "estimate: {evaluations: 100}\n"
     out = walk("capture-in-space", folder, {"mkdir": f"echo '{quick}' > data/cable/experiment.yaml"})
     assert "trial 1: 75 samples, 2 markers in space" in out
     assert re.search(r"trial 1: fitted to E = \d", out)

@@ -33,7 +33,7 @@ from .known_string import (
     simulated,
 )
 
-QUICK = EstimateSettings(ensemble=4, profiles=False)
+QUICK = EstimateSettings(profiles=False)
 
 
 @pytest.fixture(scope="module")
@@ -136,7 +136,7 @@ def test_same_seed_same_bytes_on_one_core_and_two(fit):
 
 
 def test_second_trial_starts_from_the_first_and_is_predicted_by_it(fit):
-    few = EstimateSettings(evaluations=1200, ensemble=2, profiles=False)
+    few = EstimateSettings(evaluations=1200, profiles=False)
     second = estimate_throws(
         [observed_throw(1.0), observed_throw(0.8, 1)],
         MODEL,

@@ -97,7 +97,7 @@ def test_dry_friction_is_found_where_damping_cannot_replace_it():
     found = {}
     for friction in (False, True):
         forces = ["rest_curl", "drag_along"] + ["bend_friction"] * friction
-        settings = EstimateSettings(evaluations=1500, forces=forces, ensemble=2, profiles=False)
+        settings = EstimateSettings(evaluations=1500, forces=forces, profiles=False)
         # One search may end in another minimum, depending on the processor's rounding.
         searches = [
             estimate_throws([throw], MODEL, LAYOUT, settings, np.random.default_rng(k)) for k in (3, 4, 5)
@@ -129,7 +129,7 @@ def test_the_camera_sees_a_shifted_string_and_its_offset_is_found():
     )
     throw = observed_throw(1.0)
     throw = replace(throw, points_m=throw.points_m + np.array([0.004, -0.003]))
-    free = EstimateSettings(evaluations=1200, camera_offset_sd_m=0.005, ensemble=2, profiles=False)
+    free = EstimateSettings(evaluations=1200, camera_offset_sd_m=0.005, profiles=False)
     found = estimate_throws([throw], MODEL, LAYOUT, free, np.random.default_rng(3))
     np.testing.assert_allclose([found.best[name][0] for name in CAMERA_OFFSET], [0.004, -0.003], atol=1e-3)
     assert found.E_m < 2.0 * NOISE_M * np.sqrt(np.pi / 2)

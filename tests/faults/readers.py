@@ -499,7 +499,7 @@ objective: {kind: swing, height_m: 0.8}
 camera:
   plane_photo: plane.png
   plane: {dictionary: DICT_4X4_50, size_m: 0.08, markers: [{id: 0, x_m: -0.65, y_m: 0.7}]}
-plan: {ensemble: 8}
+plan: {evaluations: 800}
 """
 
 

@@ -32,8 +32,8 @@ camera:
       - {id: 2, x_m: 1.15, y_m: 0.70}
       - {id: 3, x_m: -0.65, y_m: -0.22}
       - {id: 5, x_m: 1.15, y_m: -0.22}
-estimate: {evaluations: 100, ensemble: 2, profiles: false}
-plan: {evaluations: 16, ensemble: 1}
+estimate: {evaluations: 100, profiles: false}
+plan: {evaluations: 16}
 lab:
   noise: 0.5
   camera: {size_px: [640, 360], frame_rate_hz: 100}

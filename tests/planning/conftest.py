@@ -41,4 +41,4 @@ def strings() -> StringBatch:
 
 @pytest.fixture
 def settings() -> PlanSettings:
-    return PlanSettings(evaluations=480, ensemble=3)
+    return PlanSettings(evaluations=480)

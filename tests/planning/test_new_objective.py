@@ -90,7 +90,7 @@ def test_a_kind_is_found_among_the_installed_packages(
 
 def test_it_is_planned_for_and_scored(toy: type[Objective], task: PlanningTask, strings: StringBatch) -> None:
     objective = toy(kind="middle-hits", from_hand_m=0.15, at_m=(0.6, 0.2))
-    settings = PlanSettings(evaluations=480, ensemble=2, disturbances=0.3)
+    settings = PlanSettings(evaluations=480, disturbances=0.3)
     goal = replace(task, objective=objective)
     plan = plan_first(goal, strings, settings, np.random.default_rng(1))
     assert plan.miss_m < 0.02

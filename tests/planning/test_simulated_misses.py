@@ -149,7 +149,7 @@ def with_objective(task: PlanningTask, objective: Objective) -> PlanningTask:
 
 
 def planned(task: PlanningTask, strings: StringBatch, objective: Objective, seed: int = 1) -> PlannedMotion:
-    settings = PlanSettings(evaluations=480, ensemble=2, disturbances=0.3)
+    settings = PlanSettings(evaluations=480, disturbances=0.3)
     return plan_first(with_objective(task, objective), strings, settings, np.random.default_rng(seed))
 
 
@@ -251,7 +251,7 @@ def test_later_motions_come_nearer_for_every_kind(
     goal = replace(with_objective(task, objective), hit_radius_m=0.5)
     # No miss was measured: the planner estimates it from the tracked tip.
     assert abs(likely_miss_m(goal, strings, trial) - missed(objective, truth)) < 0.03
-    settings = PlanSettings(evaluations=1440, ensemble=4, disturbances=0.3)
+    settings = PlanSettings(evaluations=1440, disturbances=0.3)
     second = plan_next(goal, strings, [trial], settings, np.random.default_rng(2))
     assert second.kind == "refined"
     again_m = missed(objective, really(task, unknown, second.curve, 2)[1])

@@ -147,7 +147,7 @@ def test_first_strings_in_space_are_thread_to_rope() -> None:
     assert 2.36 < per_mass.max() < 2.7 * 2.36
 
 
-SMALL = PlanSettings(evaluations=480, ensemble=2)
+SMALL = PlanSettings(evaluations=480)
 
 
 def plan_on(task: PlanningTask, strings: StringBatch) -> PlannedMotion:

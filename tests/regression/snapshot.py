@@ -55,7 +55,7 @@ SWING = {
     "start_string": "minima",
     "workspace_m": {"x_m": [-0.85, 1.35], "y_m": [-0.45, 0.90]},
     "estimate": {"search": "descent", "evaluations": 1500, "clamp_offset_sd_rad": 0.05},
-    "plan": {"evaluations": 600, "ensemble": 6},
+    "plan": {"evaluations": 600},
     "lab": {"string": {"linear_density_kg_m": 0.006, "curl_rad_m": 1.0}, "servo": "pd"},
 }
 CAPTURE = {

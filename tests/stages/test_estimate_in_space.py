@@ -153,7 +153,7 @@ def test_places_in_metres_stay_where_the_strings_length_is_corrected(captured, t
 
 EVERY = """\
 estimate:
-  {search: thorough, evaluations: 200, ensemble: 3, trials: latest, older_trials_weight: 0.5, w: 0.1,
+  {search: thorough, evaluations: 200, trials: latest, older_trials_weight: 0.5, w: 0.1,
    dt_s: 0.0025, ranges: {bending_length: [0.02, 1.0]}, start_shape: hanging,
    forces: [stiff_bend, bend_friction, marker_shift, drag_along],
    clamp_offset_sd_rad: 0.05, horizon_s: 0.1}

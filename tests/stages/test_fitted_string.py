@@ -201,7 +201,7 @@ def test_an_unknown_from_outside_is_found_and_on_the_page(toy, project_root):
     string = StringBatch(parameters, point_masses(layout, np.zeros((1, 0))), {toy.name: np.array([12.0])})
     points_m = simulate_batch(model, string, HandPath(time_s, pose), time_s)[0][0]
     throw = Throw(time_s, points_m, time_s, pose, time_s < 0.55)
-    settings = EstimateSettings(evaluations=800, forces=["rest_curl"], profiles=False, ensemble=2)
+    settings = EstimateSettings(evaluations=800, forces=["rest_curl"], profiles=False)
     fit = estimate_throws([throw], model, layout, settings, np.random.default_rng(3))
     assert fit.best[toy.name][0] == pytest.approx(12.0, rel=0.5)
     record = Estimate.read(project_root / "tests/records/estimate-v1.json")

@@ -43,7 +43,7 @@ from strandcast.workflow.verify import verify
 from strandcast_studies.benchmarks.loop.throw import LoopRig, throw
 
 ARM = "config/arms/planar3.toml"
-SMALL = "plan: {evaluations: 100, ensemble: 2}\n"
+SMALL = "plan: {evaluations: 100}\n"
 BAR = "objective: {kind: segment, ends_m: [[0.8, 0.25], [0.8, 0.45]]}\n"
 
 

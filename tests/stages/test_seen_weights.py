@@ -27,7 +27,7 @@ def found_in(root: Path, declared_m: float | None, seen_m: list[float]) -> tuple
     (root / "config" / "experiments" / "thrown.yaml").write_text(
         f"string: {{length_m: {MODEL.length_m + clamped_m}, points: {MODEL.points}{weights}}}\n"
         "target_m: [0.5, 0.5]\narm: planar3\n"
-        "estimate: {evaluations: 400, ensemble: 2, profiles: false, dt_s: 2.0e-3}\n"
+        "estimate: {evaluations: 400, profiles: false, dt_s: 2.0e-3}\n"
     )
     context = context_of(root, "thrown")
     arm = load_arm(context.arm_file).planar()

@@ -39,11 +39,11 @@ from strandcast_studies.benchmarks.space.drawn import drawn_case
 from ..executor.test_play import PerfectArm
 
 BUDGET = """\
-plan: {evaluations: 240, ensemble: 4, duration_s: [0.5, 1.0]}
-estimate: {evaluations: 300, ensemble: 4}
+plan: {evaluations: 240, duration_s: [0.5, 1.0]}
+estimate: {evaluations: 300}
 """
 # A motion, hit or miss.
-QUICK = "plan: {evaluations: 60, ensemble: 2, duration_s: [0.5, 1.0]}\n"
+QUICK = "plan: {evaluations: 60, duration_s: [0.5, 1.0]}\n"
 LAB = "lab: {string: {linear_density_kg_m: 0.006}}\n"
 YAML = """\
 string: {{length_m: 0.41}}

@@ -209,7 +209,7 @@ def test_a_target_out_of_reach_is_reported_with_the_distance_that_is_lacking(roo
 def test_a_target_that_the_arms_limits_put_out_of_reach_is_reported_with_their_cost(
     root: Path, monkeypatch: pytest.MonkeyPatch, speed_m_s: float, warned: bool
 ) -> None:
-    monkeypatch.setattr(check, "QUICK_SEARCH", {"evaluations": 64, "ensemble": 1})
+    monkeypatch.setattr(check, "QUICK_SEARCH", {"evaluations": 64})
     monkeypatch.setattr(check, "LIKELY", 0.2 if warned else 0.0)
     arm = root / "config/arms/planar3.toml"
     arm.write_text(arm.read_text().replace("[limits]", f"[limits]\ntool_speed_m_s = {speed_m_s}"))

@@ -363,13 +363,13 @@ def run_small(root: Path, *arguments: str) -> tuple[int, dict]:
 
 def test_a_dry_run_lists_what_would_run_and_why(thrown):
     path = thrown / "config" / "experiments" / "small.yaml"
-    path.write_text(SETTINGS.replace("ensemble: 2", "ensemble: 3"))
+    path.write_text(SETTINGS.replace("evaluations: 100", "evaluations: 101"))
     code, printed = run_small(thrown, "--dry-run")
     path.write_text(SETTINGS)
     assert code == 0
     reasons = {job["stage"]: job["reason"] for job in printed["jobs"]}
     assert set(reasons) == {"estimate", "plan", "report", "summary"}
-    assert reasons["estimate"] == "estimate.ensemble: 2 → 3"
+    assert reasons["estimate"] == "estimate.evaluations: 100 → 101"
     assert reasons["plan"].startswith("is made again: ensemble.parquet, estimate.json")
 
 

@@ -103,11 +103,6 @@ class EstimateSettings(Section):
         description="A throw that misses by no more may touch the target: later frames do not enter E. "
         "Set it to the radius of what stands there, or to null.",
     )
-    ensemble: Annotated[int, Field(ge=1, le=64)] = Field(
-        6,
-        description="Number of near-best strings kept for the planner. Raise it to see more of what the "
-        "data leave open.",
-    )
     profiles: bool = Field(
         True,
         description="Find how far each parameter may move while E rises by 10 % (of throws in space only if "

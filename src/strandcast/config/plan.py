@@ -21,11 +21,6 @@ class PlanSettings(Section):
         "With method: paper all of its tries (2400). Raise it if no motion within the limits is found, or if "
         "the predicted miss is large although the target is within reach.",
     )
-    ensemble: Annotated[int, Field(ge=1, le=64)] = Field(
-        16,
-        description="Strings in the search for new motions, each with other disturbances. Lower it to "
-        "plan faster and less robustly.",
-    )
     disturbances: Annotated[float, Field(ge=0, le=10)] = Field(
         1.0,
         description="Scale of throw-to-throw disturbances; 1 is a typical rig. Raise it if repeated "

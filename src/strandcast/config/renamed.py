@@ -71,6 +71,8 @@ RENAMED: tuple[Renamed, ...] = (
     Renamed("objective.tolerance_rad", None),  # without a direction
     Renamed("plan.planner", None),  # by the method
     Renamed("plan.control_points", None),
+    Renamed("plan.ensemble", None),
+    Renamed("estimate.ensemble", None),
     Renamed("plan.screening", None),  # as many as evaluations
     Renamed("plan.finer", None),
     Renamed("plan.mesh_refinement", None),

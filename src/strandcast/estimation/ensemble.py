@@ -7,6 +7,7 @@ from strandcast.estimation.evaluation import Array
 # Chosen.
 WORSE = 1.1  # times the best E is still near-optimal
 FLOOR_M = 2e-4  # differences in E below this are meaningless
+MEMBERS = 6  # near-best strings that are kept for the planner
 WIDTH = 0.3  # largest standard deviation of an exponent
 
 
@@ -25,7 +26,7 @@ def near_samples(best: Array, value: float, curvature: Array, count: int, rng: n
     return np.asarray(np.clip(best + rng.standard_normal((count, len(best))) @ root.T, 0.0, 1.0))
 
 
-def distant_members(chi: Array, values: Array, count: int) -> Array:
+def distant_members(chi: Array, values: Array, count: int = MEMBERS) -> Array:
     """Choose `count` near-optimal candidates, the best first, each the farthest from those before it.
 
     If fewer than `count` are near-optimal, the next best ones are added.

@@ -138,7 +138,7 @@ def fit_of(
     """
     space, model = objective.space, objective.model
     chi, values = log.all()
-    rows = distant_members(chi, values, settings.ensemble)
+    rows = distant_members(chi, values)
     best = space.strings(chi[rows[0]])
     fitted, status = simulate_throw(model, newest, best)
     step_change_m = _step_change(model, newest, best, fitted[0])

@@ -93,7 +93,7 @@ def _search_with(
     chi, values = log.all()
     freer = replace(objective, space=objective.space.with_force(force))
     own_rng = rng.spawn(1)[0]  # what follows does not depend on a search that did not pay
-    near = objective.space.strings(chi[distant_members(chi, values, settings.ensemble)])
+    near = objective.space.strings(chi[distant_members(chi, values)])
     starts = replace(start, previous=_starts(objective.space.unknowns_of(force), near))
     return _Search(force, freer, search(freer, settings, own_rng, starts, search_budget(objective, settings)))
 

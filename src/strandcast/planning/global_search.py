@@ -11,7 +11,7 @@ from strandcast.planning.cost import start_cost
 from strandcast.planning.draw import FREE_HEIGHTS, CurvePrior, JointBounds, draw_first
 from strandcast.planning.motion_descent import HEIGHT_RAD_S, MotionResiduals, descend_motion, motion_residuals
 from strandcast.planning.paths import Curves, packed, whole_durations
-from strandcast.planning.scenarios import disturbed
+from strandcast.planning.scenarios import STRINGS, disturbed
 from strandcast.planning.search import SearchInputs
 from strandcast.progress import Progress
 
@@ -64,9 +64,7 @@ def search_globally(given: SearchInputs) -> tuple[Curve, int]:
     Many motions are tried with few strings, fewer with more: every round starts from the best of the last.
     """
     task, settings, joints = given.task.rough(), given.settings, len(given.task.arm.joints)
-    given = replace(
-        given, task=task, strings=disturbed(given.strings, settings.ensemble, joints, given.sizes)
-    )
+    given = replace(given, task=task, strings=disturbed(given.strings, STRINGS, joints, given.sizes))
     encoding = Encoding(joints, FREE_HEIGHTS, settings.duration_s, task.step_s)
     screened, simulations = screen(given, ROUNDS[0].descents)
     starts = [encoding.point(curve) for curve in screened]

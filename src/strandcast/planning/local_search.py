@@ -19,7 +19,7 @@ from strandcast.planning.motion_descent import (
 from strandcast.planning.past_trials import PastTrial
 from strandcast.planning.paths import JointPaths, paths_of_any
 from strandcast.planning.rollouts import AFTER_END_S, RolloutConditions, Rollouts, simulate_rollouts
-from strandcast.planning.scenarios import crossed, disturbed
+from strandcast.planning.scenarios import STRINGS, crossed, disturbed
 from strandcast.planning.task import PlanningTask
 
 CHANGE_COST_M_S_RAD = 0.008  # price of changing the heights [m per rad/s rms]; chosen
@@ -64,9 +64,9 @@ def with_every_disturbance(task: PlanningTask, near: Neighbourhood, sizes: np.nd
     return _with_strings(near, strings, np.arange(len(strings)) * len(near.strings) // len(strings))
 
 
-def disturbed_near(task: PlanningTask, near: Neighbourhood, count: int, sizes: np.ndarray) -> Neighbourhood:
-    """Return it with `count` strings, those given in turn, each with other disturbances."""
-    strings = disturbed(near.strings, count, len(task.arm.joints), sizes)
+def disturbed_near(task: PlanningTask, near: Neighbourhood, sizes: np.ndarray) -> Neighbourhood:
+    """Return it with as many strings as a search has, those given in turn, each with other disturbances."""
+    strings = disturbed(near.strings, STRINGS, len(task.arm.joints), sizes)
     return _with_strings(near, strings, np.arange(len(strings)) % len(near.strings))
 
 

@@ -85,7 +85,7 @@ def plan_first(
         return likeliest(task, [lambda: from_nothing(given, "first")] * SEARCHES)
     near = neighbourhood(task, strings, given.conditions, rehearsal, [rehearsal])
     # Nothing is known of the string, so that every one is disturbed, as in a search from nothing.
-    scattered = disturbed_near(task, near, settings.ensemble, given.sizes)
+    scattered = disturbed_near(task, near, given.sizes)
     far = replace(given, evidence=Evidence(_unexplained_m(task, rehearsal, near)))
     return likeliest(
         task,
@@ -177,7 +177,7 @@ def _near_trials(given: SearchInputs, known: list[PastTrial]) -> list[Candidate]
     untested_m = UNTESTED_SHARE * min(miss_m, FAILED_M)
     given = replace(given, evidence=given.evidence._replace(untested_m=untested_m))
     near = neighbourhood(task, given.strings, given.conditions, best, known)
-    scattered = disturbed_near(task, near, given.settings.ensemble, given.sizes)
+    scattered = disturbed_near(task, near, given.sizes)
     flags = [f"trial {trial.trial}: no tip seen" for trial in known if not np.isfinite(trial.tip_m).any()]
     played = SearchResult("refined", near.best, 0, flags, best.trial)
     return [

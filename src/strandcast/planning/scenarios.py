@@ -8,6 +8,9 @@ import scipy
 from strandcast.core.disturbances import DISTURBING, TYPICAL_SIZES, Disturbances
 from strandcast.core.strings import CLAMP_OFFSET, StringBatch
 
+# Of a search for a new motion, each in another throw: the whole design of an arm with three joints.
+STRINGS = 16
+
 
 def disturbed(
     strings: StringBatch, count: int, joints: int, sizes: np.ndarray = TYPICAL_SIZES

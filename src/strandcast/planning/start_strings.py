@@ -9,6 +9,7 @@ from strandcast.config.experiment import Experiment
 from strandcast.core.strings import BEND_FRICTION, PARAMETERS, REST_CURL, TAPER, StringBatch
 from strandcast.dynamics.masses import MassLayout, point_masses
 from strandcast.dynamics.parameters import StringDraw, ensemble, log_uniform_array, minima, random_strings
+from strandcast.planning.scenarios import STRINGS
 
 # Drag along a string over that across it: from a smooth cord's skin friction to a fluffy thread's; chosen.
 FIRST_DRAG_ALONG = (0.1, 0.7)
@@ -105,8 +106,7 @@ def start_strings(
     """Return the strings that the first motion, or the rehearsal of a known string, is planned with."""
     start, string = settings.start_string, settings.string
     if start == "ensemble" or settings.known_string is not None:
-        count = settings.plan.ensemble
-        weights = layout.count - layout.stiff
+        count, weights = STRINGS, layout.count - layout.stiff
         draw = ensemble(count, length_m, string.n, weights, random, layout.stiff, settings.string.thickness_m)
         curl = random.uniform(-FIRST_CURL_RAD_M, FIRST_CURL_RAD_M, count)
         return StringBatch(

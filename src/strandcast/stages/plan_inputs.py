@@ -13,6 +13,7 @@ from strandcast.core.strings import FAR_OFFSET, PARAMETERS, StringBatch
 from strandcast.dynamics.model import StringModel
 from strandcast.errors import StrandcastError
 from strandcast.planning.past_trials import Measured, PastTrial, past_trial, resampled
+from strandcast.planning.scenarios import STRINGS
 from strandcast.planning.start_strings import (
     in_another_clamp,
     rescaled,
@@ -39,7 +40,7 @@ def first_inputs(context: Context, arm: Arm, random: np.random.Generator) -> tup
     model, layout = string_model(context, arm)
     settings = context.settings
     if arm.axes == 3:
-        strings = start_strings_in_space(settings.plan.ensemble, model.length_m, layout, random)
+        strings = start_strings_in_space(STRINGS, model.length_m, layout, random)
     else:
         strings = start_strings(settings, model.length_m, layout, random)
     return _task(settings, arm, model), strings
@@ -86,7 +87,7 @@ def known_inputs(files: Files, arm: Arm, random: np.random.Generator) -> tuple[P
     strings = rescaled(strings, (fitted_m, spacing_m), model.length_m, layout)
     if not same_clamp:
         strings = in_another_clamp(strings, random)
-    return _task(context.settings, arm, model), strings.thrown().first(context.settings.plan.ensemble)
+    return _task(context.settings, arm, model), strings.thrown().first(STRINGS)
 
 
 def task_of(context: Context, arm: Arm) -> PlanningTask:

@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
 MOST_NAMED = 5  # missing trials in a message
 # A search of a few seconds, and what it should find; chosen.
-QUICK_SEARCH, LIKELY = {"evaluations": 480, "ensemble": 8}, 0.5
+QUICK_SEARCH, LIKELY = {"evaluations": 480}, 0.5
 IMPORT = "import one (strandcast import track), or film a throw, with photos for the camera"
 LONGEST = 2.0  # times as far as the arm reaches; longer strings are likely in another unit; chosen
 RAW_RECORDS = ("motion.json", "run.json")

@@ -112,7 +112,7 @@ def specimen(
     thrown, throws = thread if stiff else limp(thread, n), []
     for target_m in targets_m:
         task = PlanningTask(arm, model, np.array(target_m), 0.02, WORKSPACE)
-        settings = PlanSettings(evaluations=SCREENED, ensemble=len(candidates))
+        settings = PlanSettings(evaluations=SCREENED)
         given = SearchInputs(task, candidates, RolloutConditions(), settings, motions_rng)
         curve = screen(given, 1)[0][0]
         throws.append(

@@ -42,8 +42,8 @@ camera:
       - {{id: 2, x_m: 1.30, y_m: 1.10}}
       - {{id: 3, x_m: 0.00, y_m: -0.30}}
       - {{id: 5, x_m: 1.30, y_m: -0.30}}
-estimate: {{evaluations: 100, ensemble: 2, profiles: false}}
-plan: {{evaluations: 16, ensemble: 1}}
+estimate: {{evaluations: 100, profiles: false}}
+plan: {{evaluations: 16}}
 """
 LAB = """\
 lab:

@@ -13,7 +13,7 @@ from strandcast_studies.paper.cases import PaperCase
 from strandcast_studies.paper.records import BudgetThrow
 
 CASE = PaperCase("paper", 11, 1, 1, "default")
-SMALL = {"plan": {"evaluations": 240, "ensemble": 4}, "estimate": {"evaluations": 800}}
+SMALL = {"plan": {"evaluations": 240}, "estimate": {"evaluations": 800}}
 
 
 @pytest.fixture(scope="module")

@@ -26,8 +26,8 @@ def test_targets_are_beyond_the_hand_but_not_the_string(seed: int) -> None:
 
 @pytest.mark.thorough
 def test_a_case_is_thrown_fitted_and_planned_again(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(run, "PLAN", PlanSettings(evaluations=64, ensemble=2))
-    monkeypatch.setattr(run, "ESTIMATE", EstimateSettings(evaluations=150, ensemble=2))
+    monkeypatch.setattr(run, "PLAN", PlanSettings(evaluations=64))
+    monkeypatch.setattr(run, "ESTIMATE", EstimateSettings(evaluations=150))
     monkeypatch.setattr(run, "HIT_RADIUS_M", 10.0)
     before, first, second = run.run_case(12, 2, rehearsed=True, every=True)  # also after a hit
     assert (before.kind, before.trial, before.fit_E_m) == ("first", 0, None)
@@ -43,7 +43,7 @@ def test_a_case_is_thrown_fitted_and_planned_again(monkeypatch: pytest.MonkeyPat
 
 @pytest.mark.thorough
 def test_a_case_ends_with_a_hit(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(run, "PLAN", PlanSettings(evaluations=64, ensemble=2))
+    monkeypatch.setattr(run, "PLAN", PlanSettings(evaluations=64))
     monkeypatch.setattr(run, "HIT_RADIUS_M", 10.0)
     (only,) = run.run_case(12, 2)
     assert only.trial == 1

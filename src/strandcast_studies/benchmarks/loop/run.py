@@ -49,7 +49,6 @@ VARIANTS: dict[str, dict[str, Any]] = {
     "paper_wide": {"estimate": {"ranges": "wide"}},  # the paper's ranges limit masses to 20 plain points
     "minima": {"start_string": "minima"},
     "small_search": {"plan": {"evaluations": 800}},
-    "four_strings": {"plan": {"ensemble": 4}},
     "undisturbed": {"plan": {"disturbances": 0.0}},
     "latest_only": {"estimate": {"trials": "latest"}},
 }

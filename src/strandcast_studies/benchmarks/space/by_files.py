@@ -21,7 +21,7 @@ from strandcast_studies.benchmarks.space.drawn import SpaceCase, drawn_case
 NAME = "cast"
 BUDGET = """\
 plan: {evaluations: 1800, duration_s: [0.4, 1.3]}
-estimate: {evaluations: 800, ensemble: 8}
+estimate: {evaluations: 800}
 """
 
 

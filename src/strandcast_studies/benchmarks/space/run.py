@@ -40,6 +40,7 @@ from strandcast.planning.miss_calibration import rms_of
 from strandcast.planning.past_trials import PastTrial, resampled, start_shape
 from strandcast.planning.plan import plan_first, plan_next
 from strandcast.planning.rollouts import AFTER_END_S
+from strandcast.planning.scenarios import STRINGS
 from strandcast.planning.start_strings import start_strings_in_space
 from strandcast.planning.task import PlanningTask
 from strandcast.stages.trials_in_space import FASTEST_M_S, FITTED_AFTER_S, FITTED_BEFORE_S
@@ -52,7 +53,7 @@ POINTS = THROWN_POINTS
 # Chosen: some twenty seconds of one core. These arms are slower than those of the plane, and on tuning seeds
 # motions of up to 1.3 s hit targets that shorter ones miss.
 PLAN = PlanSettings(evaluations=1800, duration_s=(0.4, 1.3))
-ESTIMATE = EstimateSettings(evaluations=800, ensemble=8).in_space(thrown=True)
+ESTIMATE = EstimateSettings(evaluations=800).in_space(thrown=True)
 HIT_RADIUS_M = 0.020
 JOINTS_SMOOTHED = 11  # samples of the joint log: its noise would shake the string; chosen
 
@@ -118,7 +119,7 @@ def run_case(
     case = drawn_case(seed)
     task, random = task_of_case(case), np.random.default_rng([seed, 8])
     layout = mass_layout(case.string.length_m, POINTS, case.weight_places_m)
-    first = start_strings_in_space(PLAN.ensemble, case.string.length_m, layout, random)
+    first = start_strings_in_space(STRINGS, case.string.length_m, layout, random)
     begin_s = fitted_s = time.process_time()
     plan = plan_first(task, first, PLAN, random)
     thrown: list[SpaceTrial] = []
