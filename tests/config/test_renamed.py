@@ -226,12 +226,13 @@ def test_fix_writes_former_settings_as_they_are_now_and_nothing_else(tmp_path, c
             r"lab\.scatter is the old name",
         ),
         ("lab: {noise: {sway_rad: 0.1}, scatter: {sway_rad_s: 1}}\n", r"lab\.scatter cannot be multiplied"),
+        ("target_m: 5\nestimate: {clamp_offset: true}\n", "target_m"),
         ("lab: {noise: {sway: 0.1}}\n", "'sway' is no size of the lab's noise; these are: grasp_length_m, "),
     ],
 )
 def test_what_has_no_one_meaning_is_refused(tmp_path, text, named):
     file = tmp_path / "e.yaml"
-    file.write_text(HEAD + text)
+    file.write_text((HEAD if "target_m" not in text else "string: {length_m: 0.3}\n") + text)
     with pytest.raises(StrandcastError, match=f"SC-F003.*{named}"):
         load_experiment(file)
 

@@ -245,7 +245,8 @@ def _with_forces(data: CommentedMap, file: Path) -> list[Change]:
 def _with_clamp(data: CommentedMap) -> Iterator[Change]:
     """Write whether a turn of the clamp was fitted as its standard deviation."""
     names = ("clamp_offset", "clamp_offset_sd_rad")
-    usual = "any" if len(data.get("target_m") or ()) == 3 else CLAMP_OFFSET_SD_RAD
+    target = data.get("target_m")
+    usual = "any" if isinstance(target, list) and len(target) == 3 else CLAMP_OFFSET_SD_RAD
     for section in _sections(data, ["estimate"]):
         if names[0] in section:
             sd = section.get(names[1], usual)
