@@ -24,9 +24,9 @@ def root(tmp_path, project_root) -> Path:
 def test_settings_are_rewritten_and_nothing_else(root, caplog):
     before = {path: path.read_bytes() for path in root.rglob("*.*") if path.is_file()}
     settings = load_experiment(root / SETTINGS)
-    assert len(caplog.records) == 8  # settings that were renamed or dropped
+    assert len(caplog.records) == 12  # settings that were renamed or dropped
     fixed = run_module(root, "strandcast", "check", "old", "--fix")
-    assert fixed.stdout.startswith(f"{SETTINGS}: 8 former settings written as they are now\nold: ")
+    assert fixed.stdout.startswith(f"{SETTINGS}: 12 former settings written as they are now\nold: ")
     caplog.clear()
     assert load_experiment(root / SETTINGS) == settings
     assert not caplog.text
