@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from strandcast.estimation.excitation import WIDER
 from strandcast.estimation.fit_objective import FitObjective
 from strandcast_studies.evidence.captured_weights import drawn
 from strandcast_studies.evidence.left_open import advised, true_string
@@ -24,5 +25,5 @@ def test_the_drawn_string_explains_its_recording(axes):
 def test_an_advised_motion_is_recorded_after_a_rest():
     capture, (recording, *_) = drawn(404, 2)
     time_s, hand_m, _, _ = advised(capture, recording, "a wider motion", np.random.default_rng(1))
-    assert np.ptp(hand_m[:, 0]) == pytest.approx(2.0 * np.ptp(recording[1][:, 0]), rel=0.02)
+    assert np.ptp(hand_m[:, 0]) == pytest.approx(WIDER * np.ptp(recording[1][:, 0]), rel=0.02)
     assert np.ptp(hand_m[time_s < 0.6], axis=0).max() < 2e-3
