@@ -17,8 +17,8 @@ from strandcast.estimation.space import Space
 from strandcast.estimation.throws import PreparedThrow
 from strandcast.estimation.uncertainty import Uncertainty, decades_of, reach_of
 
-# All chosen. A motion twice as wide or 1.6 times as fast determines as many unknowns, but whips light ends: a fit
-# that takes it left an E of 7.6 to 84 mm on four captures, instead of 4.6 to 15 mm.
+# All chosen. A motion twice as wide or 1.6 times as fast determines as many unknowns, but whips light ends:
+# a fit that takes it left an E of 7.6 to 84 mm on four captures, instead of 4.6 to 15 mm.
 FACTOR, SHARE = 3.0, 0.15  # within which an unknown is determined; of the range, if it may be negative
 WIDER, FASTER = 1.5, 1.3
 ASIDE, ASIDE_S, SWINGS = 0.4, 0.3, 5  # of the length, and of the period of a swing; so many of these
