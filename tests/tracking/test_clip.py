@@ -8,10 +8,11 @@ import av
 import numpy as np
 import pytest
 
+from strandcast.camera.flat import flat_camera
 from strandcast.records.clip import Clip
 from strandcast.tracking import clip as clips
 from strandcast.tracking.clip import (
-    decoded_small,
+    VideoFrames,
     even_size,
     make_clip,
     strip_frames,
@@ -48,7 +49,10 @@ def test_a_long_film_leaves_out_frames_evenly(frames, facts, camera, monkeypatch
 def test_every_frame_is_the_cameras_and_the_bytes_are_the_same_again(frames, facts, camera) -> None:
     made = make_clip(frames, facts, still_then_moved(), camera, np.array([0.1, 0.3]))
     assert numbers_in(made["mp4"]) == list(range(23, 23 + made["frames"]))
-    assert make_clip(frames, facts, still_then_moved(), camera, np.array([0.1, 0.3])) == made
+    kept = SmallFrames(facts.width_px, facts.height_px)
+    for image in frames.pictures(range(FRAMES)):
+        kept.keep(image)
+    assert make_clip(kept, facts, still_then_moved(), camera, np.array([0.1, 0.3])) == made
     Clip(experiment="e", trial=1, **made)
 
 
@@ -72,19 +76,30 @@ def test_without_a_target_the_film_shows_what_the_string_sweeps(frames, facts, c
     assert len(instants) == 12
 
 
-def test_a_large_film_is_kept_smaller_and_its_box_is_in_the_cameras_pixels(scene) -> None:
+def test_a_tip_that_is_seen_after_the_motion_only_has_a_strip() -> None:
+    points_m = still_then_moved()
+    points_m[:70, 1] = np.nan
+    assert {23, 93} <= strip_frames(points_m, np.arange(23, 94), np.array([0.1, 0.3]))
+
+
+def test_a_large_film_is_kept_smaller_in_its_depth_and_its_box_is_in_the_cameras_pixels(scene) -> None:
     small = SmallFrames(2560, 1441)
-    pictures = np.zeros((2, 1441, 2560), np.uint8)
-    pictures[1, 600:660, 900:960] = 240
+    pictures = np.zeros((2, 1441, 2560), np.uint16)
+    pictures[1, 600:660, 900:960] = 3000
     for picture in pictures:
         small.keep(picture)
-    assert (small.factor, small.width_px, small.height_px) == (3, 853, 480)
-    assert np.all(small.at(1)[200:220, 300:320] == 240)
-    assert np.count_nonzero(small.at(1)) == 400
-    camera = scene.flat_camera()
+    (kept,) = small.pictures([1])
+    assert (small.factor, kept.shape) == (3, (480, 853))
+    assert np.all(kept[200:220, 300:320] == 3000)
+    assert np.count_nonzero(kept) == 400
     points_m = still_then_moved()
-    alone, smaller = (swept_box_px(points_m, camera, None, factor) for factor in (1, 3))
+    alone, smaller = (swept_box_px(points_m, scene.flat_camera(), None, factor) for factor in (1, 3))
     assert np.abs(3 * np.array(smaller) - alone).max() <= 9
+
+
+def test_a_box_stays_in_a_narrow_picture() -> None:
+    points_m = np.full((2, 2, 2), [60.0, -30.0])
+    assert swept_box_px(points_m, flat_camera(128, 64, 1.0, (0.0, 0.0)), None, 1) == (20, 0, 80, 64)
 
 
 def test_sides_are_even_and_never_enlarged() -> None:
@@ -119,8 +134,8 @@ def film(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def frames(film: Path, facts) -> SmallFrames:
-    return decoded_small(film, facts)
+def frames(film: Path, facts) -> VideoFrames:
+    return VideoFrames(film, facts)
 
 
 @pytest.fixture(scope="module")

@@ -14,7 +14,7 @@ from strandcast.report.numbers import percent
 from strandcast.report.pages import render
 from strandcast.report.panels.tracking import kymograph
 from strandcast.report.panels.viewer import Film, viewer_markup
-from strandcast.tracking.clip import decoded_small, make_clip
+from strandcast.tracking.clip import VideoFrames, make_clip
 
 MOST_RUNS = 40  # chosen: of doubtful frames, listed on the page
 
@@ -57,7 +57,7 @@ def _viewer(track: FilmTrack, finding: str) -> Markup:
     facts, points = track.facts, track.points_px * (1.0, -1.0)
     count = len(points)
     camera = flat_camera(facts.width_px, facts.height_px, 1.0, (0.0, 0.0))
-    fields = make_clip(decoded_small(track.video, facts), facts, points, camera, None, (0, count - 1))
+    fields = make_clip(VideoFrames(track.video, facts), facts, points, camera, None, (0, count - 1))
     clip = Clip(experiment=track.video.stem, trial=1, **fields)
     frame = clip.first_frame + clip.step * np.arange(clip.frames)
     unknown = np.full(len(frame), np.nan)

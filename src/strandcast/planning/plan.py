@@ -53,6 +53,7 @@ def plan_first(
     rng: np.random.Generator,
     rehearsal: PastTrial | None = None,
     method: Literal["paper"] | None = None,
+    searches: int = SEARCHES,
 ) -> PlannedMotion:
     """Plan a motion for a string that was never thrown.
 
@@ -71,6 +72,8 @@ def plan_first(
         the arm's file.
     method
         Paper: plan as the paper, on the commanded angles: it mentions no response of the servo (section V).
+    searches
+        From nothing, at most.
 
     Raises
     ------
@@ -82,7 +85,7 @@ def plan_first(
     if method == "paper":
         return predicted(given, first_by_paper(given))
     if rehearsal is None or rehearsal.curve is None:
-        return likeliest(task, [lambda: from_nothing(given, "first")] * SEARCHES)
+        return likeliest(task, [lambda: from_nothing(given, "first")] * searches)
     near = neighbourhood(task, strings, given.conditions, rehearsal, [rehearsal])
     # Nothing is known of the string, so that every one is disturbed, as in a search from nothing.
     scattered = disturbed_near(task, near, given.sizes)

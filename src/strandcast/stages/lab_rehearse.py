@@ -14,5 +14,6 @@ def run(job: Job, files: Files) -> None:
     physical_string(context.settings)
     refuse_real_run(path.parent)
     remove_temporary_files(path.parent)
-    first_motion(context, arm).write(path)
+    # One search is enough: where its motion is unlikely to hit, the plan after the rehearsal searches again.
+    first_motion(context, arm, searches=1).write(path)
     rehearse(context.settings, context.name, arm, path, path.parent)

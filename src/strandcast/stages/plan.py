@@ -8,7 +8,7 @@ import numpy as np
 from strandcast.arm.load import Arm
 from strandcast.errors import StrandcastError
 from strandcast.planning.describe import PlannedMotion
-from strandcast.planning.plan import plan_first, plan_next
+from strandcast.planning.plan import SEARCHES, plan_first, plan_next
 from strandcast.planning.start_strings import start_string_name
 from strandcast.planning.task import PlanningTask
 from strandcast.planning.write import to_record
@@ -76,13 +76,13 @@ def _answer(job: Job, files: Files, motion: Motion) -> Iterator[str]:
         yield f"throw it: {play_command(job.context, job.trial)}"
 
 
-def first_motion(context: Context, arm: Arm) -> Motion:
+def first_motion(context: Context, arm: Arm, searches: int = SEARCHES) -> Motion:
     """Return the first motion as it is planned before anything was played."""
     seeded_by = _seeded_by(context, 1)
     random = rng(*seeded_by)
     task, strings = first_inputs(context, arm, random)
     with about_settings(context):
-        plan = plan_first(task, strings, context.settings.plan, random)
+        plan = plan_first(task, strings, context.settings.plan, random, searches=searches)
     start = start_string_name(context.settings)
     return to_record(plan, task, context.name, 1, seed_of(*seeded_by), {}, None, start)
 

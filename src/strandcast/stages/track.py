@@ -16,7 +16,7 @@ from strandcast.records.track import TrackSummary
 from strandcast.stages.context import Context, aimed_at, free_length_m
 from strandcast.stages.job import Files, Job
 from strandcast.stages.photos import given_background
-from strandcast.tracking.clip import decoded_small, make_clip
+from strandcast.tracking.clip import VideoFrames, make_clip
 from strandcast.tracking.observe import observe
 from strandcast.tracking.registry import track
 from strandcast.tracking.result import Tracked
@@ -37,8 +37,8 @@ def run(job: Job, files: Files) -> None:
     shapes = {marker.id: MarkerShape(marker.size_m, marker.offset_m) for marker in arm.markers}
     observations = observe(tracked, camera, context.settings.camera_name, shapes)
     write_observations(files.output("observations"), [observations])
-    small = tracked.small_frames or decoded_small(video, manifest.video)
-    clip = make_clip(small, manifest.video, tracked.points_m, camera, aimed_at(context, manifest))
+    frames = tracked.small_frames or VideoFrames(video, manifest.video)
+    clip = make_clip(frames, manifest.video, tracked.points_m, camera, aimed_at(context, manifest))
     Clip(experiment=context.name, trial=job.trial, **clip).write(files.output("clip"))
     write_picture(files.output("strobe"), cv2.cvtColor(tracked.strobe, cv2.COLOR_RGB2BGR), WEBP_QUALITY)
     note_picture(files.output("strobe"))

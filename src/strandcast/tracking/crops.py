@@ -8,6 +8,7 @@ from small frames.
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from typing import IO
@@ -15,7 +16,6 @@ from typing import IO
 import cv2
 import numpy as np
 
-from strandcast.camera.markers import eight_bit
 from strandcast.core.pose import Pose
 from strandcast.records.files import no_scratch, open_scratch
 from strandcast.tracking.pixel_map import PixelMap, to_pixel
@@ -58,24 +58,26 @@ class KeptPixels:
 
 
 class SmallFrames:
-    """Whole frames of a video, smaller by a whole factor, in 8 bits."""
+    """Whole frames of a video, smaller by a whole factor."""
 
     def __init__(self, width_px: int, height_px: int) -> None:
         self.factor = -(-max(width_px, height_px) // SMALL_PX)
-        self.width_px, self.height_px = width_px // self.factor, height_px // self.factor
-        self._pixels = KeptPixels()
+        self._shape = height_px // self.factor, width_px // self.factor
+        self._pixels, self._dtype = KeptPixels(), np.dtype(np.uint8)
         self._places: list[int] = []
 
     def keep(self, image: np.ndarray) -> None:
         """Keep the next frame; each pixel is the mean of whole ones."""
-        grey = eight_bit(image[: self.height_px * self.factor, : self.width_px * self.factor])
+        height, width = self._shape
+        small = image[: height * self.factor, : width * self.factor]
         if self.factor > 1:
-            grey = cv2.resize(grey, (self.width_px, self.height_px), interpolation=cv2.INTER_AREA)
-        self._places.append(self._pixels.put(grey))
+            small = cv2.resize(small, (width, height), interpolation=cv2.INTER_AREA)
+        self._dtype = small.dtype
+        self._places.append(self._pixels.put(small))
 
-    def at(self, index: int) -> np.ndarray:
-        """Return a frame (height, width) uint8."""
-        return self._pixels.get(self._places[index], (self.height_px, self.width_px), np.dtype(np.uint8))
+    def pictures(self, frames: Sequence[int]) -> Iterator[np.ndarray]:
+        """Yield some frames (height, width) in the video's depth."""
+        return (self._pixels.get(self._places[index], self._shape, self._dtype) for index in frames)
 
 
 @dataclass(frozen=True)
