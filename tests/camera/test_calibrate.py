@@ -254,6 +254,9 @@ def test_the_plane_has_the_lens_boards_pattern_where_it_is_cut_off():
     assert none == []
     assert known == board_markers(printed, 0.0, 0.0)
     assert [each.marker for each in known] == [*range(12, 12 + 21)]
+    other = PrintedBoard(patterned(declared), [], is_shown=True)
+    with pytest.raises(StrandcastError, match="may have other ids"):  # than another print of the same board
+        plane_markers_of(settings, cut, "plane.png", other)
 
 
 def test_missing_files_are_named(root):

@@ -185,7 +185,7 @@ def test_readings_of_the_papers_method_are_fixed(tmp_path, caplog):
             "estimate:\n  clamp_offset_sd_rad: any\n  dt_s: 0.001\n",
         ),
         ("estimate: {clamp_offset: true}\n", "estimate: {clamp_offset_sd_rad: 0.05}\n"),
-        ("estimate: {clamp_offset: false}\n", "estimate: {clamp_offset_sd_rad: null}\n"),
+        ("estimate: {clamp_offset: false}\n", "estimate: {clamp_offset_sd_rad: 0}\n"),
         (
             "lab: {noise: 2, scatter: {sway_rad: 0.02, servo_gain: 0, drawn: true}}\n",
             "lab: {noise: {grasp_length_m: 0.004, grasp_lateral_m: 0.002, grasp_angle_rad: "
@@ -200,6 +200,11 @@ def test_readings_of_the_papers_method_are_fixed(tmp_path, caplog):
             "lab:\n  scatter:\n    sway_rad: 0.02\n    draws: heavy_tails\n  servo: pd\n",
             "lab:\n  noise: {sway_rad: 0.02}\n  draws: heavy_tails\n  servo: pd\n",
         ),
+        (
+            "lab:\n  scatter:  # seen\n    draws: heavy_tails\n\n    sway_rad: 0.02\n",
+            "lab:\n  noise: {sway_rad: 0.02}\n  draws: heavy_tails  # seen\n",
+        ),
+        ("lab:\n  scatter:\n  servo: pd\n", "lab:\n  servo: pd\n"),
         ("lab: {noise: 0.5, scatter: {draws: normal}}\n", "lab: {noise: 0.5, draws: normal}\n"),
         ("lab:\n  scatter: {}\nseed: 3\n", "lab:\n  {}\nseed: 3\n"),
         ("estimate: {search: 'cma'}\r\n", "estimate: {search: thorough}\r\n"),
@@ -227,6 +232,16 @@ def test_fix_writes_former_settings_as_they_are_now_and_nothing_else(tmp_path, c
         ),
         ("lab: {noise: {sway_rad: 0.1}, scatter: {sway_rad_s: 1}}\n", r"lab\.scatter cannot be multiplied"),
         ("target_m: 5\nestimate: {clamp_offset: true}\n", "target_m"),
+        ("# no target_m\nestimate: {clamp_offset: true}\n", "does not say how far"),
+        ("estimate: {clamp_offset: no}\n", "clamp_offset: no "),
+        ("lab: {noise: 11, scatter: {sway_rad: 0.1}}\n", r"lab\.scatter cannot be multiplied"),
+        ("lab: {scatter: {draws: normal, drawn: true}}\n", r"lab\.scatter is the old name"),
+        ("method: paper\nplan: {planner: ensemble}\n", r"plan\.planner: ensemble goes by method"),
+        ("method: null\nplan: {planner: paper}\n", r"plan\.planner: paper goes by method"),
+        (
+            "objective: {kind: point, direction_rad: [1, 0.1], tolerance_rad: 0.2}\n",
+            "direction_rad",
+        ),
         ("lab: {noise: {sway: 0.1}}\n", "'sway' is no size of the lab's noise; these are: grasp_length_m, "),
     ],
 )

@@ -33,8 +33,10 @@ from strandcast.records.tables import read_table, write_table
 from strandcast.records.track import TRACK
 from strandcast.report import causes
 from strandcast.report.expected import expected_miss
+from strandcast.stages.arms import arm_of
 from strandcast.stages.context import context_of
 from strandcast.stages.past_trials import read_trial
+from strandcast.stages.plan import first_motion
 from strandcast.stages.plan_inputs import first_inputs, measured_of, rehearsal_of
 from strandcast.stages.producers import play_command, to_correct_first
 from strandcast.stages.rig import rig_state
@@ -298,6 +300,10 @@ def test_the_papers_planner_has_the_papers_times_and_commanded_angles(root: Path
     motion = planned(root, "paper")
     assert motion.provenance is not None
     assert motion.provenance.planner == "paper"
+    context = context_of(root, "paper")
+    at_once = first_motion(context, arm_of(context)).provenance  # as `check` plans it
+    assert at_once is not None
+    assert at_once.planner == "paper"
     assert motion.bezier is not None
     assert motion.bezier.stop_ramp_from_s == motion.bezier.duration_s
     settings = context_of(root, "paper").settings.plan

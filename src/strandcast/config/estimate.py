@@ -82,11 +82,11 @@ class EstimateSettings(Section):
         description="Optional parts of the model: auto tries them and keeps those that predict better what "
         "was not fitted; paper has none; or a list of those to fit. Give it to fit the same ones everywhere.",
     )
-    clamp_offset_sd_rad: Annotated[float, Field(gt=0, le=0.5)] | Literal["any"] | None = Field(
+    clamp_offset_sd_rad: Annotated[float, Field(ge=0, le=0.5)] | Literal["any"] | None = Field(
         None,
         description="Fit a turn of the clamp against the arm's file, with this standard deviation before the "
-        "fit; any: all turns are as likely (in space, of each clamp); null: no turn. Set it, to 0.05 or more "
-        "for a clamp set by eye, if the string's angle in the hand varies from grasp to grasp.",
+        "fit; any: all turns are as likely (by default in space, of each clamp); 0, by default in the plane: "
+        "no turn. Set it, to 0.05 or more for a clamp set by eye, if the string's angle in the hand varies.",
     )
     camera_offset_sd_m: Annotated[float, Field(gt=0, le=0.05)] | None = Field(
         None,
@@ -112,6 +112,7 @@ class EstimateSettings(Section):
     def in_space(self, *, thrown: bool) -> Self:
         """Return the settings of a fit in space, by its own defaults."""
         defaults, given = THROWN_IN_SPACE if thrown else IN_SPACE, set(self.model_fields_set)
+        given -= {"clamp_offset_sd_rad"} if self.clamp_offset_sd_rad is None else set()
         if "search" in given and self.search != defaults["search"]:
             given.add("evaluations")  # that search has its own
         return self.model_copy(update={name: defaults[name] for name in defaults if name not in given})

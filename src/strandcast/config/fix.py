@@ -7,7 +7,7 @@ from pathlib import Path
 from strandcast.config.bounded import load_yaml, read_bounded
 from strandcast.config.load import load_experiment
 from strandcast.config.renamed import Change, with_new_names
-from strandcast.errors import StrandcastError
+from strandcast.errors import StrandcastError, StrandcastErrors
 from strandcast.records.files import write_bytes
 
 # A value in the same line as its key.
@@ -32,7 +32,7 @@ def fix_names(path: Path) -> int:
         left = with_new_names(load_yaml(edited, lines=True), path)
         if left or load_experiment(path, edited) != settings:
             raise ValueError
-    except ValueError as error:
+    except (ValueError, StrandcastError, StrandcastErrors) as error:
         what, fix = "former names cannot be replaced by --fix", "replace by hand what the warnings name"
         raise StrandcastError("SC-F003", what, file=path, fix=fix) from error
     write_bytes(path.resolve(), edited.encode())  # a link stays a link
@@ -48,6 +48,7 @@ def _edited(text: str, changes: Sequence[Change]) -> str:
             continue
         before, after = line[: old.start()], line[old.end() :]
         if change.new is not None:
+            after = f"  {after}" if after.startswith("#") else after
             value = f"{old[1]}{old[2]}" if change.value is None else f": {change.value}"
             lines[change.line] = f"{before}{change.new}{value}{after}"
             if change.value is not None and not before.strip():
@@ -66,6 +67,9 @@ def _edited(text: str, changes: Sequence[Change]) -> str:
 def _end_of_block(lines: Sequence[str], first: int, indent: int) -> int:
     """Return the line after those of a setting that has values of its own."""
     last = first + 1
-    while last < len(lines) and re.match(rf"\s{{{indent + 1}}}", lines[last]):
-        last += 1
+    for k in range(first + 1, len(lines)):
+        if re.match(rf"\s{{{indent + 1},}}\S", lines[k]):
+            last = k + 1
+        elif not re.match(r"\s*(#|$)", lines[k]):
+            break
     return last

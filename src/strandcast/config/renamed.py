@@ -26,11 +26,14 @@ class Renamed:
         dropped; the same: values were.
     values
         Old value -> new value; all others stay.
+    instead
+        What does the work of a dropped one.
     """
 
     old: str
     new: str | None
     values: Mapping[Any, Any] = field(default_factory=dict)
+    instead: str = ""
 
 
 @dataclass(frozen=True)
@@ -73,7 +76,7 @@ RENAMED: tuple[Renamed, ...] = (
     Renamed("plan.control_points", None),
     Renamed("plan.ensemble", None),
     Renamed("estimate.ensemble", None),
-    Renamed("plan.screening", None),  # as many as evaluations
+    Renamed("plan.screening", None, instead="plan.evaluations is as many"),
     Renamed("plan.finer", None),
     Renamed("plan.mesh_refinement", None),
     Renamed("plan.carry_residual", None),
@@ -129,10 +132,10 @@ def with_new_names(data: CommentedMap, file: Path) -> list[Change]:
         SC-F003 a setting is given under both names.
     """
     asked = [
-        *_with_method(data),
+        *_with_method(data, file),
         *_with_forces(data, file),
         *_with_tries(data),
-        *_with_clamp(data),
+        *_with_clamp(data, file),
         *_with_noise(data, file),
     ]
     changed = (
@@ -151,7 +154,7 @@ def _merged(data: CommentedMap, merged: Merged, file: Path) -> Iterator[Change]:
         given = [name for name in merged.old if name in section]
         if not {*given} - {merged.new}:
             continue
-        if merged.new in section and merged.new not in merged.old:
+        if merged.new in section and (merged.new not in merged.old or isinstance(section[merged.new], list)):
             raise _both(f"{merged.section}.{given[0]}", f"{merged.section}.{merged.new}", section, file)
         values = [
             section.get(name, default) for name, default in zip(merged.old, merged.defaults, strict=True)
@@ -177,6 +180,8 @@ def _replaced(
     as_it_was = all(isinstance(value, CommentedMap) for value in new.values())
     for name, (line, column, *_) in zip(given, places, strict=True):
         what = f"{path}.{name} {f'is now {now}' if now else 'was dropped'}; the next version refuses it"
+        if name in new:
+            what = f"{path}.{name} is now {_flow(new[name])}"
         is_first, is_last = bool(new) and name == given[0], not section and name == given[-1]
         yield Change(what, line, column, first if is_first else None, None if as_it_was else written, is_last)
 
@@ -190,9 +195,15 @@ def _flow(value: Any) -> str:
     return "null" if value is None else str(value)
 
 
-def _with_method(data: CommentedMap) -> list[Change]:
+def _with_method(data: CommentedMap, file: Path) -> list[Change]:
     """Write the paper's search or planner, each a setting of its own before, as `method: paper`."""
     found: list[Change] = []
+    paper = "paper" in (data.get("method"), *(node.get("search") for node in _sections(data, ["estimate"])))
+    for node in _sections(data, ["plan"]):
+        planner = node.get("planner", "")
+        if planner and planner != ("paper" if paper else "ensemble") and (paper or "method" in data):
+            what = f"plan.planner: {planner} goes by method now, which is another"
+            raise _unclear("plan.planner", what, "remove one of them", node, file)
     for path in ("estimate.search", "plan.planner"):
         section, name = path.split(".")
         for node in _sections(data, [section]) if "method" not in data or found else ():
@@ -242,31 +253,35 @@ def _with_forces(data: CommentedMap, file: Path) -> list[Change]:
     return changes
 
 
-def _with_clamp(data: CommentedMap) -> Iterator[Change]:
+def _with_clamp(data: CommentedMap, file: Path) -> Iterator[Change]:
     """Write whether a turn of the clamp was fitted as its standard deviation."""
-    names = ("clamp_offset", "clamp_offset_sd_rad")
-    target = data.get("target_m")
-    usual = "any" if isinstance(target, list) and len(target) == 3 else CLAMP_OFFSET_SD_RAD
+    names, target = ("clamp_offset", "clamp_offset_sd_rad"), data.get("target_m")
+    usual = CLAMP_OFFSET_SD_RAD if isinstance(target, list) and len(target) == 2 else None
     for section in _sections(data, ["estimate"]):
-        if names[0] in section:
-            sd = section.get(names[1], usual)
-            new = {names[1]: ("any" if sd is None else sd) if section[names[0]] else None}
-            yield from _replaced(section, "estimate", [name for name in section if name in names], new)
+        if names[0] not in section:
+            continue
+        fitted, sd = section[names[0]], section.get(names[1], usual)
+        if not isinstance(fitted, bool) or (fitted and names[1] not in section and target is None):
+            what = f"estimate.clamp_offset: {fitted} does not say how far the clamp may turn"
+            fix = "give estimate.clamp_offset_sd_rad alone: 0.05 in the plane, any in space, 0 for no turn"
+            raise _unclear("estimate.clamp_offset", what, fix, section, file)
+        new = {names[1]: ("any" if sd is None else sd) if fitted else 0}
+        yield from _replaced(section, "estimate", [name for name in section if name in names], new)
 
 
 def _with_noise(data: CommentedMap, file: Path) -> Iterator[Change]:
     """Write the lab's scatter, with what its noise multiplied it by, as `lab.noise` and `lab.draws`."""
     for lab in _sections(data, ["lab"]):
-        if not isinstance(lab.get("scatter"), CommentedMap):
+        if "scatter" not in lab or not isinstance(lab["scatter"], CommentedMap | None):
             continue
-        scatter, given = dict(lab["scatter"]), [name for name in lab if name in ("noise", "scatter")]
-        flags = [kind for name, kind in DRAWS.items() if scatter.pop(name, False)]
-        draws = scatter.pop("draws", flags[-1] if flags else None)
-        if draws is not None and "draws" in lab:
+        scatter, given = dict(lab["scatter"] or {}), [name for name in lab if name in ("noise", "scatter")]
+        said = [kind for name, kind in DRAWS.items() if scatter.pop(name, False) is True]
+        said += [scatter.pop("draws")] if "draws" in scatter else []
+        if len(said) + ("draws" in lab) > 1:
             raise _both("lab.scatter", "lab.draws", lab, file)
-        new: dict[str, Any] = {} if draws is None else {"draws": draws}
+        new: dict[str, Any] = {"draws": said[0]} if said else {}
         if scatter:
-            new = {"noise": lab["scatter"] if len(scatter) == len(lab["scatter"]) else scatter} | new
+            new = {"noise": lab["scatter"] if scatter == lab["scatter"] else scatter} | new
         else:
             given = ["scatter"]
         if scatter and "noise" in lab:
@@ -276,29 +291,22 @@ def _with_noise(data: CommentedMap, file: Path) -> Iterator[Change]:
 
 def _multiplied(sizes: dict[str, Any], lab: CommentedMap, file: Path) -> dict[str, Any]:
     """Return the sizes of a scatter times the noise beside it."""
-    whole = sizes if lab["noise"] == 1 else TYPICAL | sizes
-    try:
-        return {name: float(lab["noise"]) * float(size) for name, size in whole.items()}
-    except (TypeError, ValueError):
-        raise StrandcastError(
-            "SC-F003",
-            "lab.scatter cannot be multiplied by lab.noise, as it was",
-            file=file,
-            line=lab.lc.data["scatter"][0] + 1,
-            field="lab.scatter",
-            fix="write the standard deviations to lab.noise, by name",
-        ) from None
+    noise, whole = lab["noise"], sizes if lab["noise"] == 1 else TYPICAL | sizes
+    for each in (noise, *whole.values()):
+        if isinstance(each, bool | str) or not isinstance(each, int | float) or not 0 <= each <= 10:
+            fix = "write the standard deviations to lab.noise, by name"
+            raise _unclear("lab.scatter", "lab.scatter cannot be multiplied by lab.noise", fix, lab, file)
+    return {name: float(noise) * float(size) for name, size in whole.items()}
+
+
+def _unclear(field: str, what: str, fix: str, section: CommentedMap, file: Path) -> StrandcastError:
+    line = section.lc.data[field.split(".")[-1]][0] + 1
+    return StrandcastError("SC-F003", what, file=file, line=line, field=field, fix=fix)
 
 
 def _both(old: str, new: str, section: CommentedMap, file: Path) -> StrandcastError:
-    return StrandcastError(
-        "SC-F003",
-        f"{old} is the old name of {new}, which is given too",
-        file=file,
-        line=section.lc.data[old.split(".")[-1]][0] + 1,
-        field=old,
-        fix=f"remove {old}",
-    )
+    what = f"{old} is the old name of {new}, which is given too"
+    return _unclear(old, what, f"remove {old}", section, file)
 
 
 def _sections(node: Any, path: Sequence[str]) -> Iterator[CommentedMap]:
@@ -322,7 +330,8 @@ def _changed(section: CommentedMap, change: Renamed, file: Path) -> Change | Non
     line, column = place[:2]
     if change.new is None:
         del section[old]
-        what = f"{change.old} was dropped and has no effect; the next version refuses it: remove it"
+        no_effect = change.instead or "it has no effect"
+        what = f"{change.old} was dropped, {no_effect}; the next version refuses it: remove it"
         return Change(what, line, column, leaves_none=not section)
     new = change.new.split(".")[-1]
     known = isinstance(value, str | int | float | bool) and value in change.values

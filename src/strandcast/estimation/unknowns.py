@@ -124,7 +124,7 @@ def given_of(settings: EstimateSettings, *, in_plane: bool = True, thrown: bool 
 def _is_wanted(row: Unknown, given: Mapping[str, Any]) -> bool:
     if row.forces:
         return not given["forces"].isdisjoint(row.forces)
-    return row.sd is None or given.get(row.sd, "any") is not None
+    return row.sd is None or given.get(row.sd, "any") not in (None, 0.0)
 
 
 def widened(space: Space, chi: Array) -> Space | None:

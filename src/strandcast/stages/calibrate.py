@@ -153,13 +153,13 @@ def plane_markers_of(
     proven = of_lens is not None and of_lens.is_shown and declared.items() <= placed.model_dump().items()
     usual = of_lens.board if of_lens is not None and proven else patterned(placed)
     shown = identify_board([(file, picture)], usual, "camera.plane.board")
-    use_proven = proven and not shown.is_shown
+    use_proven = proven and not shown.is_shown and shown.board == usual
     board = usual if use_proven else shown.board
     warnings = [*(shown.of_size if use_proven else shown.warnings)]
-    if shown.is_open and not proven:
+    if shown.is_open and not use_proven:
         what, fix = "the board is cut off in the photo, and may have other ids", "photograph all of it"
         raise StrandcastError("SC-C016", what, file=file, field="camera.plane.board", fix=fix)
-    if not (shown.is_shown or proven):
+    if not (shown.is_shown or use_proven):
         warnings = [*warnings, f"{file} does not show all of the board: {PARTLY}"]
     markers = board_markers(board, placed.x_m, placed.y_m, placed.angle_rad)
     return markers, placed.dictionary, shown.black_on_white(picture), warnings

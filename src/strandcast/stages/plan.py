@@ -82,7 +82,8 @@ def first_motion(context: Context, arm: Arm, searches: int = SEARCHES) -> Motion
     random = rng(*seeded_by)
     task, strings = first_inputs(context, arm, random)
     with about_settings(context):
-        plan = plan_first(task, strings, context.settings.plan, random, searches=searches)
+        settings = context.settings
+        plan = plan_first(task, strings, settings.plan, random, method=settings.method, searches=searches)
     start = start_string_name(context.settings)
     return to_record(plan, task, context.name, 1, seed_of(*seeded_by), {}, None, start)
 
