@@ -11,6 +11,7 @@ from strandcast.dynamics.parameters import RANGES
 from strandcast.errors import StrandcastError
 from strandcast.estimation import cross_validation
 from strandcast.estimation.cross_validation import CHOSEN, REFITTED, without_model
+from strandcast.estimation.ensemble import MEMBERS
 from strandcast.estimation.estimate import estimate_throws
 from strandcast.estimation.fit_objective import EvaluationLog
 from strandcast.estimation.measured import Throw
@@ -119,7 +120,7 @@ def test_guesses_without_a_model_are_as_far_off_as_the_string_is():
 
 
 def test_members_are_near_optimal_strings_that_differ(fit):
-    assert len(fit.members) == 4
+    assert len(fit.members) == MEMBERS
     best = fit.member_values_m[0]
     assert fit.member_values_m.max() <= max(1.1 * best, best + 2e-4)
     assert np.all(fit.low <= fit.high)

@@ -36,7 +36,9 @@ def test_score_is_the_stages_and_follows_the_target(trial) -> None:
     tip = trial.track[trial.track["point"] == 10]
     on_path = tuple(tip[["x_m", "y_m"]].to_numpy()[len(tip) // 2])
     assert trial.score(target_m=on_path).miss_m < 0.003
-    assert trial.score(target_m=(-0.7, 0.8)).miss_m > 0.1
+    far = trial.score(target_m=(-0.7, 0.8))
+    assert not far.hit
+    assert far.miss_m is None or far.miss_m > 0.1  # None: the tip was hidden where it may have been nearest
 
 
 def test_simulate_repeats_the_planners_prediction(project, trial) -> None:

@@ -71,7 +71,8 @@ def test_stages_are_actions_with_inputs_software_and_outputs(library, made) -> N
     assert {"#calibrate", "#lab_throw-01", "#ingest-01", "#estimate-01", "#plan-02"} <= set(actions)
     ids = {name: {each.id for each in actions["#track-01"][name]} for name in ("object", "result")}
     assert ids["result"] == {
-        f"results/small/trial-01/{name}" for name in ("observations.parquet", "strobe.webp", "track.json")
+        f"results/small/trial-01/{name}"
+        for name in ("clip.json", "observations.parquet", "strobe.webp", "track.json")
     }
     assert {VIDEO, "config/experiments/small.yaml", "results/small/cameras/main.json"} < ids["object"]
     assert VIDEO in {each.id for each in actions["#lab_throw-01"]["result"]}
