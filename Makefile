@@ -266,10 +266,6 @@ calibration: $(VENV)/runtime.stamp  ## count how far throws of drawn strings and
 bench-batch: $(VENV)/runtime.stamp  ## measure the overhead of a batch over its stages' own work: results/bench-batch.json; SIZE=2x3; ten minutes of CPU
 	@$(BIN)/python -m strandcast_studies.benchmarks.batch.run $(if $(SIZE),--size $(SIZE))
 
-.PHONY: bench-growth
-bench-growth: $(VENV)/runtime.stamp  ## measure how tracking grows with frames and pixels, and the string's kernel with points and cores; ten minutes of CPU
-	@$(BIN)/python -m strandcast_studies.benchmarks.batch.growth
-
 .PHONY: bench-trial
 bench-trial: $(VENV)/runtime.stamp  ## measure what users wait for: a recorded trial by stage, the demo, commands: results/bench-trial.json; ten minutes of CPU
 	@$(BIN)/python -m strandcast_studies.benchmarks.batch.trial
