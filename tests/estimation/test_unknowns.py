@@ -56,6 +56,14 @@ def test_every_unknown_survives_the_round_trip():
     assert prior_exponents(space, MODEL, 4, np.random.default_rng(1)).shape == (4, space.dimension)
 
 
+def test_no_given_turn_of_the_clamp_is_the_usual_one_and_zero_is_none():
+    usual, none = EstimateSettings(clamp_offset_sd_rad=None), EstimateSettings(clamp_offset_sd_rad=0)
+    assert usual.in_space(thrown=True).clamp_offset_sd_rad == "any"
+    assert none.in_space(thrown=True).clamp_offset_sd_rad == 0.0
+    assert space_of(none, PIPED).names == space_of(usual, PIPED).names
+    assert "clamp_offset_rad" not in space_of(none, PIPED).names
+
+
 def test_only_the_joints_of_the_pipe_are_stiff():
     np.testing.assert_array_equal(PIPED.stiff_joints(), [False, False, True, True, False, False])
     space = space_of(EstimateSettings(forces=["stiff_bend"]), PIPED)

@@ -115,7 +115,7 @@ def swept_box_px(
 ) -> tuple[int, int, int, int]:
     """Return left, top, width and height of the part of the picture that string and target, if any, need.
 
-    They are in pixels of the small frames, which are larger than the camera's by the factor.
+    `points_m` is the track (F, n + 1, 2). A pixel is one of the small frames: `factor` of the camera's wide.
     """
     places_m = points_m.reshape(-1, 2)
     if target_m is not None:

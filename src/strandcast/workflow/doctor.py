@@ -28,7 +28,7 @@ from strandcast.packages import (
 )
 from strandcast.records.files import existing_folder, free_bytes, in_bytes
 from strandcast.records.folders import is_project
-from strandcast.workflow.host import LEAST_FREE_BYTES
+from strandcast.workflow.host import LEAST_FREE_BYTES, SCRATCH_BYTES
 
 PYTHONS = ((3, 11), (3, 14))  # the first that works, and the first that is not tested
 NEED_BYTES = 1 << 30  # memory of the largest stage
@@ -173,15 +173,18 @@ def _free_memory() -> int | None:
 
 
 def _disk(root: Path) -> Iterator[Diagnosis]:
-    places = {"results": root / "results", "temporary files": Path(tempfile.gettempdir())}
-    for name, place in places.items():
+    places = {
+        "results": (root / "results", LEAST_FREE_BYTES),
+        "temporary files": (Path(tempfile.gettempdir()), SCRATCH_BYTES),
+    }
+    for name, (place, least) in places.items():
         free, folder = free_bytes(place), existing_folder(place)
         if not os.access(folder, os.W_OK):
             yield Diagnosis(
                 f"disk, {name}", "problem", f"{folder} cannot be written", "change its permissions"
             )
-        elif free < LEAST_FREE_BYTES:
-            fix = f"free {in_bytes(LEAST_FREE_BYTES)} or more; one trial's video and results need that"
+        elif free < least:
+            fix = f"free {in_bytes(least)} or more; one trial's video and results need that"
             yield Diagnosis(f"disk, {name}", "problem", f"{in_bytes(free)} free at {folder}", fix)
         else:
             yield Diagnosis(f"disk, {name}", "ok", f"{in_bytes(free)} free at {folder}")

@@ -6,6 +6,7 @@ from pathlib import Path
 from strandcast.records.files import check_room
 from strandcast.records.folders import ExperimentFolder
 
+SCRATCH_BYTES = 400_000_000  # the frames of a trial of the demo, while it is tracked: 300 MB
 LEAST_FREE_BYTES = 150_000_000  # a trial of the demo: a film of 45 MB, twice while it is written, and results
 
 
