@@ -15,7 +15,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from strandcast.records.files import atomic_write, canonical_json
+from strandcast.records.files import absolute, atomic_write, canonical_json
 
 FILE = Path(".snakemake", "hashes.json")
 CLOCK_STEP_NS = 2_000_000_000  # of FAT; other file systems have a finer one
@@ -32,8 +32,8 @@ _KNOWN: dict[str, _Known] = {}  # by absolute path
 
 def content_sha256_of(path: str | Path) -> str:
     """Return the hash of a file's content, by which one result names another (`content_hash`)."""
-    path = Path(path).absolute()
-    name, now_ns, found = str(path), time.time_ns(), path.stat()
+    name, now_ns = absolute(path), time.time_ns()
+    found = os.stat(name)  # noqa: PTH116  (text, as `absolute` says)
     facts = (found.st_size, found.st_ino, found.st_mtime_ns, found.st_ctime_ns)
     known = _KNOWN.get(name)
     if known is None or known.facts != facts:

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple, Self
 
 from strandcast.core.trial_names import trial_number
 from strandcast.errors import INTEGRITY, StrandcastError
-from strandcast.records.files import content_sha256, sha256_file
+from strandcast.records.files import absolute, content_sha256, sha256_file
 from strandcast.records.known_hashes import content_sha256_of
 
 KEPT_MOTIONS = "motions"  # the folder of `kept_motions`
@@ -184,17 +184,21 @@ def check_lineage(
 
 def changed_inputs(root: Path, recorded: Mapping[str, str]) -> list[str]:
     """Return the files that are there with another content than was recorded."""
-    return [
-        name
-        for name, sha256 in recorded.items()
-        if (root / name).is_file() and content_sha256_of(root / name) != sha256
-    ]
+    top = absolute(root)
+    return [name for name, sha256 in recorded.items() if _is_changed(f"{top}/{name}", sha256)]
+
+
+def _is_changed(file: str, recorded: str) -> bool:
+    try:
+        return content_sha256_of(file) != recorded
+    except (FileNotFoundError, NotADirectoryError, IsADirectoryError):
+        return False
 
 
 def relative_to(root: Path, path: Path) -> str:
     """Return a path as lineage names it: relative to the project, with forward slashes."""
     # As text: thousands of paths are named in a run that finds nothing to do.
-    whole, folder = str(path.absolute()), f"{root.absolute()}{os.sep}"
+    whole, folder = absolute(path), f"{absolute(root)}{os.sep}"
     return whole.removeprefix(folder).replace(os.sep, "/") if whole.startswith(folder) else path.name
 
 

@@ -35,10 +35,11 @@ class Note:
         write_text(_place(self._files), canonical_json(self._now | hashes) + "\n")
 
 
-def changes_since_made(files: Files) -> list[str]:
+def changes_since_made(files: Files, inputs: Iterable[str] | None = None) -> list[str]:
     """Return in words what has changed since a job's results were made; nothing if they are fresh.
 
     What is missing is no change. Raw files that a stage wrote may be replaced: they are inputs of others.
+    The job's inputs, relative to the project, are listed here unless they are given.
 
     Raises
     ------
@@ -49,7 +50,7 @@ def changes_since_made(files: Files) -> list[str]:
     if note is None:
         return [UNKNOWN]
     root = files.job.context.folder.root
-    inputs = {relative_to(root, path) for path in files.all_inputs()}
+    inputs = set(inputs or (relative_to(root, path) for path in files.all_inputs()))
     added = in_trial_order(name for name in inputs - note["inputs"].keys() if (root / name).is_file())
     gone = in_trial_order(note["inputs"].keys() - inputs)
     results = {name: sha256 for name, sha256 in note["outputs"].items() if name.startswith("results/")}

@@ -168,4 +168,4 @@ def _own_reasons(root: Path, task: StepState) -> list[str]:
         return []
     if lost := _lost(root, task):
         return [f"{lost[0]} is missing"]
-    return changes_since_made(task.files)
+    return changes_since_made(task.files, task.inputs)

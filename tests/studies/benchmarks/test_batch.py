@@ -104,15 +104,16 @@ def test_every_trial_has_a_video_of_its_own(tmp_path: Path) -> None:
 def test_a_thousand_trials_are_extrapolated_and_compared_with_the_targets() -> None:
     def row(trials: int, seconds: float) -> dict:
         spent = {"engine_s": seconds, "engine_mb": 100 * seconds, "starts_s": 0.0, "total_s": seconds}
-        return {"experiments": 1, "trials": trials, "first": spent, "no_op": spent}
+        asked = {"cpu_s": 0.5 * seconds, "peak_mb": 10 * seconds}
+        return {"experiments": 1, "trials": trials, "first": spent, "no_op": spent, "asked": asked}
 
     rows = [row(10, 2.0), row(20, 3.0)]
     line = extrapolated(rows, 1000)
-    assert (line["no_op_s"], line["engine_mb"]) == pytest.approx((101.0, 10_100.0))
+    assert (line["no_op_s"], line["asked_s"], line["engine_mb"]) == pytest.approx((101.0, 50.5, 10_100.0))
     found = against_targets({"stubbed": rows, "extrapolated": line})
     assert {name: one["met"] for name, one in found.items()} == {
         "engine_mb": False,
-        "no_op_large_s": False,
+        "asked_large_s": False,
         "no_op_ten_s": True,
     }
     assert (size("50x20").all_trials, sizes("1x10,2x3")) == (1000, [(1, 10), (2, 3)])

@@ -74,7 +74,9 @@ def accounts_of(line: list[str], root: Path, file: Path, **environment: str) -> 
     if process.returncode:
         raise subprocess.CalledProcessError(process.returncode, line)
     processes = [json.loads(text) for text in file.read_text(encoding="utf-8").splitlines()]
-    return Accounts(usage.ru_utime + usage.ru_stime, usage.ru_maxrss / 1024, processes)
+    # Not `usage.ru_maxrss`: it counts the memory of this process, from which the command was forked.
+    peak_mb = max(one["peak_mb"] for one in processes)
+    return Accounts(usage.ru_utime + usage.ru_stime, peak_mb, processes)
 
 
 def spent_by(line: list[str], root: Path, file: Path) -> Spent:

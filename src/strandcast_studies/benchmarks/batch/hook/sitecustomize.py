@@ -19,6 +19,12 @@ STARTED_S = time.process_time()
 NESTED = "STRANDCAST_ACCOUNTS_NESTED"
 
 
+def peak_mb() -> float:
+    """Return the most memory that this process has had, without that of the one which started it."""
+    status = Path("/proc/self/status").read_text(encoding="ascii")
+    return float(status.partition("VmHWM:")[2].split()[0]) / 1024
+
+
 def account(file: str) -> None:
     """Time the outermost imports from now on, and write the line when the process ends."""
     importing: Any = _bootstrap  # every import comes through it, also one by importlib.import_module
@@ -46,7 +52,7 @@ def account(file: str) -> None:
             "imports_s": imports_s,
             "cpu_s": own.ru_utime + own.ru_stime,
             "children_s": children.ru_utime + children.ru_stime,
-            "peak_mb": own.ru_maxrss / 1024,
+            "peak_mb": peak_mb(),
         }
         with Path(file).open("a", encoding="utf-8") as out:
             out.write(json.dumps(spent) + "\n")
