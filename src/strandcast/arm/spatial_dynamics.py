@@ -266,8 +266,10 @@ def mass_matrix(q: np.ndarray, links: Links) -> np.ndarray:
             answer[i, j] = answer[j, i] = _about_axis(axis[i], anchor[i], linear, angular)
         if j > 0:
             carried[j - 1] += carried[j]
-            first[j - 1] += first[j]
-            second[j - 1] += second[j]
+            for r in range(3):  # numba takes 5 s to compile the sums of whole arrays
+                first[j - 1, r] += first[j, r]
+                for c in range(3):
+                    second[j - 1, r, c] += second[j, r, c]
     return answer
 
 

@@ -212,12 +212,14 @@ def _simulate(
     for p in range(first, last):
         stiffness, damping, motor, share, delay_s = loops[min(p, len(loops) - 1)]
         gravity = (1.0 - carried[min(p, len(carried) - 1)]) * whole_gravity
-        q[:], v[:], change[:] = commands[p, 0], 0.0, 0.0
+        for j in range(joints):  # numba takes 3 s to compile the assignment of whole arrays
+            q[j], v[j], change[j] = commands[p, 0, j], 0.0, 0.0
         for _ in range(SETTLING):
             write_torques(q, none, none, links, gravity, work, needed)
             if _settles(q, commands[p, 0], needed, stiffness):
                 break
-        answer[p, 0] = q
+        for j in range(joints):
+            answer[p, 0, j] = q[j]
         for k in range(0, count - 1, stride):
             for j in range(joints):
                 middle_q[j], middle_v[j] = q[j] + 0.5 * h * v[j], v[j] + 0.5 * change[j]
@@ -232,8 +234,9 @@ def _simulate(
                 off = 0.5 * (before + after) - q[j] - 0.5 * h * v[j]
                 rate = share[j] * (after - before) / h - v[j]
                 push[j] = stiffness[j] * off + damping[j] * rate - own[0, j] * v[j] - needed[j]
-            change[:] = h * np.linalg.solve(whole, push)
+            solved = np.linalg.solve(whole, push)
             for j in range(joints):
+                change[j] = h * solved[j]
                 for t in range(1, min(stride, count - 1 - k) + 1):
                     s = t / stride
                     answer[p, k + t, j] = q[j] + s * h * (v[j] + 0.5 * s * change[j])

@@ -159,13 +159,17 @@ def _descend(
         while damping < 1e12:
             if _damped_step(angle, clamp, p, m, k, fixed, damping, step):
                 largest = np.abs(step).max()
-                tried[:] = angle + min(1.0, _LARGEST_TURN_RAD / max(largest, 1e-300)) * step
+                shorter = min(1.0, _LARGEST_TURN_RAD / max(largest, 1e-300))
+                # Here and below by number: numba takes 3 s to compile the assignment of a whole array.
+                for j in range(n):
+                    tried[j] = angle[j] + shorter * step[j]
                 if _energy(tried, clamp, p, m, k, fixed) <= energy + 1e-14 * n * abs(energy):
                     break
             damping = max(4.0 * damping, 1e-6)
         if damping >= 1e12:
             break
-        angle[:] = tried
+        for j in range(n):
+            angle[j] = tried[j]
         if largest < _SETTLED_RAD and damping == 0.0:
             return
         damping = 0.1 * damping if damping > 1e-6 else 0.0
