@@ -8,6 +8,8 @@ from strandcast.arm.settings import AnyArmKeys, ArmKeys, SpatialArmKeys
 from strandcast.arm.urdf import JointLimit, massless
 
 Problem = tuple[str, str, str]  # field, what is wrong, fix
+TURN = 2.0 * np.pi  # the most that a joint without a range is held at [rad]
+HELD_BEYOND = 1e-3  # of a range, by rounding [rad or m]; chosen
 
 
 def name_problems(keys: AnyArmKeys, urdf: dict[str, JointLimit], model: mujoco.MjModel) -> list[Problem]:
@@ -23,6 +25,12 @@ def name_problems(keys: AnyArmKeys, urdf: dict[str, JointLimit], model: mujoco.M
     found += [("throw.held", f"{name!r} is in throw.joints too", "name it once") for name in sorted(both)]
     twice = {name for name in keys.throw.joints if keys.throw.joints.count(name) > 1}
     found += [("throw.joints", f"{name!r} is named twice", "name it once") for name in sorted(twice)]
+    following = {name: urdf[name].follows for name in urdf if urdf[name].follows is not None}
+    found += [
+        ("throw.joints", f"{name!r} follows {leader!r} (<mimic>)", "only joints that move alone can throw")
+        for name, leader in following.items()
+        if name in keys.throw.joints or leader in keys.throw.joints
+    ]
     forgotten = [name for name in urdf if name not in keys.throw.joints and name not in keys.throw.held]
     found += [
         ("throw.held", f"joint {name!r} of the URDF neither moves nor is held", f"add `{name} = <rad>`")
@@ -60,6 +68,12 @@ def number_problems(keys: AnyArmKeys, urdf: dict[str, JointLimit]) -> list[Probl
     ]
     for name in keys.throw.joints:
         found += _limit_problems(keys, name, urdf[name])
+    for name, angle in keys.throw.held.items():
+        low, high = urdf[name].lower_rad, urdf[name].upper_rad
+        low, high = -TURN if low is None else low, TURN if high is None else high
+        if not low - HELD_BEYOND <= angle <= high + HELD_BEYOND:
+            what = f"{angle:g} is outside of the joint's range from {low:g} to {high:g}"
+            found.append((f"throw.held.{name}", what, "give its angle in rad (a sliding joint's in m)"))
     for axis, pair in keys.workspace.model_dump().items():
         if pair[0] >= pair[1]:
             found.append(
@@ -82,8 +96,16 @@ def _limit_problems(keys: AnyArmKeys, name: str, limit: JointLimit) -> list[Prob
             key for key, value in (("lower", limit.lower_rad), ("upper", limit.upper_rad)) if value is None
         ]
     found = [(where, f"has no {key}", "add it to the URDF; no motion is planned without") for key in missing]
+    if missing:
+        return found
+    above = {"velocity": limit.velocity_rad_s} | ({"effort": limit.effort_n_m} if keys.margins.torque else {})
+    found += [
+        (where, f"{key}={value:g} is not above 0", "give what the joint can do; exporters write 0")
+        for key, value in above.items()
+        if value is not None and not value > 0.0
+    ]
     room = 2.0 * keys.margins.position_rad
-    if limit.kind == "revolute" and not missing and limit.upper_rad - limit.lower_rad <= room:  # type: ignore[operator]
+    if limit.kind == "revolute" and not limit.upper_rad - limit.lower_rad > room:  # type: ignore[operator]
         found.append((where, f"leaves no range within margins.position_rad = {room / 2}", "widen it"))
     return found
 

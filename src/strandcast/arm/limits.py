@@ -100,7 +100,7 @@ def _beyond(
     return [
         Violation(name, kind, float(time_s[k]), float(sign * value[k, j]), float(sign * limit[j]))
         for j, (name, k) in enumerate(zip(joints, worst, strict=True))
-        if value[k, j] > limit[j] + ROUNDING * max(1.0, abs(limit[j]))
+        if not value[k, j] <= limit[j] + ROUNDING * max(1.0, abs(limit[j]))  # NaN is beyond any
     ]
 
 

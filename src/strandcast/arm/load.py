@@ -60,6 +60,7 @@ from strandcast.records.files import sha256_file
 
 TRACKING_RAD = 0.15  # three times the error of a servo with 30 ms of lag at 100 rad/s², less its mean lag
 PLATE_RIM_M = 0.015  # of the plate beyond the markers' edge; chosen
+UPRIGHT = (0.0, 0.0, 1.0)  # upwards in the frame of the root of an arm that stands
 STOP_RISE_S = 0.02  # time to a soft stop's full acceleration, unless the file gives a jerk; chosen
 
 FileKeys = TypeVar("FileKeys", bound=AnyArmKeys)
@@ -115,6 +116,11 @@ class Arm(ABC):
     log_rate_hz: float
     driver: str | None
     driver_settings: dict[str, Any] = field(default_factory=dict)
+
+    @property
+    def upwards(self) -> tuple[float, ...]:
+        """Upwards in the frame of the URDF's root link."""
+        return UPRIGHT
 
     @abstractmethod
     def hand_m(self, q: np.ndarray) -> np.ndarray:
@@ -209,7 +215,7 @@ class Arm(ABC):
 
     def model(self) -> mujoco.MjModel:
         """Return MuJoCo's model of the URDF, compiled once per process."""
-        return _model(self.urdf_path, self.urdf_sha256)
+        return _model(self.urdf_path, self.urdf_sha256, self.upwards)
 
     @property
     def all_joints(self) -> tuple[str, ...]:
@@ -221,7 +227,7 @@ class Arm(ABC):
         """Return the model with the payload at the clamp's link."""
         if self.payload is None:
             return self.model()
-        return _model(self.urdf_path, self.urdf_sha256, self.clamp.link, self.payload)
+        return _model(self.urdf_path, self.urdf_sha256, self.upwards, self.clamp.link, self.payload)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -244,6 +250,11 @@ class PlanarArm(Arm):
     chain: PlanarChain
     markers: tuple[HandMarker, ...]
     marker_dictionary: str
+
+    @property
+    def upwards(self) -> tuple[float, ...]:
+        """The plane's y axis: on a wall or a ceiling it is not the root's z axis."""
+        return tuple(self.plane[1].tolist())
 
     def hand_m(self, q: np.ndarray) -> np.ndarray:
         """Return where the string leaves the hand, (..., 2) [m], at joint angles (..., J) [rad]."""
@@ -326,9 +337,13 @@ class SpatialArm(Arm):
 
 @lru_cache(maxsize=8)
 def _model(
-    urdf_path: Path, urdf_sha256: str, carrier: str = "", payload: Payload | None = None
+    urdf_path: Path,
+    urdf_sha256: str,
+    upwards: tuple[float, ...],
+    carrier: str = "",
+    payload: Payload | None = None,
 ) -> mujoco.MjModel:
-    return read_model(urdf_path, carrier, payload)
+    return read_model(urdf_path, carrier, payload, upwards)
 
 
 def load_arm(path: str | Path) -> Arm:
@@ -383,7 +398,7 @@ def _read_urdf(
     """
     urdf_path = _urdf_beside(path, keys.urdf)
     urdf_limits = read_joint_limits(urdf_path)
-    model = _model(urdf_path, sha256_file(urdf_path))
+    model = _model(urdf_path, sha256_file(urdf_path), UPRIGHT)
     problems = name_problems(keys, urdf_limits, model)
     problems = problems or [
         *number_problems(keys, urdf_limits),

@@ -23,19 +23,28 @@ PLACEHOLDER_KG = 1e-3  # chosen: lighter links are placeholders
 
 @dataclass(frozen=True)
 class JointLimit:
-    """The URDF's limits of one joint that can move; None where it gives none."""
+    """The URDF's limits of one joint that can move; None where it gives none.
+
+    A continuous joint has no range, whatever is written there. `follows` names the joint that it mimics.
+    """
 
     kind: str
     lower_rad: float | None
     upper_rad: float | None
     velocity_rad_s: float | None
     effort_n_m: float | None
+    follows: str | None = None
 
 
 def read_joint_limits(path: str | Path) -> dict[str, JointLimit]:
     """Return the limits of every joint that can move, by name, in the file's order."""
-    joints = [joint for joint in _root(path).findall("joint") if joint.get("type") in MOVING_TYPES]
-    return {joint.get("name", ""): _limit(joint, path) for joint in joints}
+    joints = _root(path).findall("joint")
+    for joint in joints:
+        if joint.get("type") in ("floating", "planar"):
+            what = f"joint {joint.get('name')!r} is of the type {joint.get('type')}"
+            raise _refusal(path, what, 'give it type="fixed": the arm stands still')
+    moving = [joint for joint in joints if joint.get("type") in MOVING_TYPES]
+    return {joint.get("name", ""): _limit(joint, path) for joint in moving}
 
 
 def _limit(joint: ElementTree.Element, path: str | Path) -> JointLimit:
@@ -49,9 +58,10 @@ def _limit(joint: ElementTree.Element, path: str | Path) -> JointLimit:
             where = f"joint {joint.get('name')!r}, limit {key}"
             raise _refusal(path, f"{where}: {SHOWN.repr(text)} is not a number") from None
 
-    return JointLimit(
-        str(joint.get("type")), number("lower"), number("upper"), number("velocity"), number("effort")
-    )
+    kind, leader = str(joint.get("type")), joint.find("mimic")
+    lower, upper = (None, None) if kind == "continuous" else (number("lower"), number("upper"))
+    follows = None if leader is None else leader.get("joint")
+    return JointLimit(kind, lower, upper, number("velocity"), number("effort"), follows)
 
 
 def read_spec(path: str | Path) -> mujoco.MjSpec:
@@ -63,6 +73,9 @@ def read_spec(path: str | Path) -> mujoco.MjSpec:
     for link in root.iter("link"):
         for shape in link.findall("visual") + link.findall("collision"):
             link.remove(shape)
+    for joint in root.findall("joint"):  # a follower is held at its angle; see `arm.checks.name_problems`
+        for leader in joint.findall("mimic"):
+            joint.remove(leader)
     try:
         spec = mujoco.MjSpec.from_string(ElementTree.tostring(root, encoding="unicode"))
     except ValueError as error:
@@ -73,9 +86,18 @@ def read_spec(path: str | Path) -> mujoco.MjSpec:
     return spec
 
 
-def read_model(path: str | Path, carrier: str = "", payload: Payload | None = None) -> mujoco.MjModel:
-    """Compile the URDF's links and joints (see `read_spec`), with a payload on a link."""
+def read_model(
+    path: str | Path,
+    carrier: str = "",
+    payload: Payload | None = None,
+    upwards: tuple[float, ...] = (0.0, 0.0, 1.0),
+) -> mujoco.MjModel:
+    """Compile the URDF's links and joints (see `read_spec`), with a payload on a link.
+
+    `upwards` is a unit vector in the frame of the root, which may be mounted on a wall or a ceiling.
+    """
     spec = read_spec(path)
+    spec.option.gravity = spec.option.gravity[2] * np.array(upwards) + 0.0  # no zero below zero
     try:
         if payload is not None and payload.mass_kg > 0.0:
             least = [LEAST_INERTIA_KG_M2] * 3

@@ -131,9 +131,7 @@ def _by_paper(prior: CurvePrior, bounds: JointBounds, rng: np.random.Generator) 
     low, high = limits.lower_rad - swept.min(axis=0), limits.upper_rad - swept.max(axis=0)
     if (low > high).any():
         return []
-    # A joint without a range starts anywhere on its turn.
-    low, high = np.maximum(low, -np.pi), np.minimum(high, np.pi)
-    placed = replace(stopped, q0_rad=rng.uniform(np.minimum(low, high), high))
+    placed = replace(stopped, q0_rad=rng.uniform(*within_one_turn(low, high)))
     return [placed] if bounds.keeps(placed) else []
 
 
@@ -160,14 +158,19 @@ def _at_rest(
         )
     ]
     share = np.minimum(1.0, 0.999 * WITHIN * np.min(rates, axis=0))
-    # A joint without a range starts anywhere on its turn.
-    low = np.maximum(limits.lower_rad - share * paths.low, -np.pi)
-    high = np.minimum(limits.upper_rad - share * paths.high, np.pi)
+    low, high = within_one_turn(limits.lower_rad - share * paths.low, limits.upper_rad - share * paths.high)
     q0 = low + rng.random((BATCH, joints)) * (high - low)
     good = np.flatnonzero((low < high).all(axis=1))
     good = good[may_start(q0[good])]
     curves = _slowed(Curves(q0, times_s, share[:, :, None] * wild.heights_rad_s).take(good), bounds)
     return [curves[p] for p in range(len(curves))]
+
+
+def within_one_turn(low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return from where to where joints start, (..., J) [rad]: of a wider range, the turn nearest to zero."""
+    wide = high - low > 2.0 * np.pi
+    middle = np.clip(0.0, np.where(wide, low + np.pi, 0.0), np.where(wide, high - np.pi, 0.0))
+    return np.where(wide, middle - np.pi, low), np.where(wide, middle + np.pi, high)
 
 
 def _slowed(curves: Curves, bounds: JointBounds) -> Curves:

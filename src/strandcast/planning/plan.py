@@ -158,7 +158,13 @@ def likeliest(task: PlanningTask, candidates: Sequence[Candidate]) -> PlannedMot
 
     plans: list[PlannedMotion] = []
     for number, candidate in enumerate(candidates, 1):
-        plans.append(candidate())
+        try:
+            plans.append(candidate())
+        except StrandcastError as error:  # a limit is lower than when a motion like it was played
+            if error.code != "SC-P004" or (number == len(candidates) and not plans):
+                raise
+            print_line(f"plan: motion {number} is left out: {error.what}")
+            continue
         stays, likely = preference(plans[-1])
         print_line(f"plan: motion {number}, {plans[-1].kind}: {100 * likely:.0f} % likely to hit")
         if stays and likely > most_likely(task, plans[-1]) - WORTH_A_SEARCH:
