@@ -74,6 +74,13 @@ def test_the_way_between_the_points_counts(arm: PlanarArm) -> None:
     assert {v.kind for v in violations(arm, motion)} == {"acceleration"}
 
 
+def test_what_is_no_number_keeps_no_limit(arm: PlanarArm) -> None:
+    unknown = dataclasses.replace(
+        arm, limits=dataclasses.replace(arm.limits, velocity_rad_s=np.full(3, np.nan))
+    )
+    assert {v.kind for v in violations(unknown, still([0.5, 0.0, 0.0]))} == {"velocity"}
+
+
 def test_a_lower_position_is_reported_as_the_angle(arm: PlanarArm) -> None:
     (violation,) = violations(arm, still([-0.34, 0.0, 0.0]))
     assert (violation.kind, violation.value, violation.limit) == (

@@ -9,7 +9,7 @@ from strandcast.arm.limits import violations
 from strandcast.arm.load import PlanarArm
 from strandcast.errors import StrandcastError
 from strandcast.planning.bezier import Curve, sample
-from strandcast.planning.draw import CurvePrior, JointBounds, Reading, draw_first
+from strandcast.planning.draw import CurvePrior, JointBounds, Reading, draw_first, within_one_turn
 
 STEP_S = 0.002
 
@@ -41,6 +41,21 @@ def test_draws_keep_the_torque_limits_of_a_weak_arm(arm: PlanarArm, reading: Rea
     for curve in drawn(weak, reading, count=10):
         motion = sample(curve, STEP_S)
         assert violations(weak, motion) == []
+
+
+@pytest.mark.parametrize("reading", ["rest", "paper"])
+def test_a_range_away_from_zero_is_used_whole(arm: PlanarArm, reading: Reading) -> None:
+    low, high = np.array([-0.33, 3.5, 1.6]), np.array([2.78, 6.5, 5.1])
+    offset = replace(arm, limits=replace(arm.limits, lower_rad=low, upper_rad=high))
+    starts = np.array([curve.q0_rad for curve in drawn(offset, reading, count=20)])
+    assert starts[:, 1].min() > 3.5
+    assert starts[:, 2].max() > np.pi
+
+
+def test_a_start_is_within_one_turn_of_a_wide_range() -> None:
+    low, high = within_one_turn(np.array([-np.inf, -6.0, 0.0, -3.3]), np.array([np.inf, 6.5, 7.0, 2.0]))
+    np.testing.assert_allclose(low, [-np.pi, -np.pi, 0.0, -3.3])
+    np.testing.assert_allclose(high, [np.pi, np.pi, 2.0 * np.pi, 2.0])
 
 
 def test_draws_keep_a_jerk_limit(arm: PlanarArm) -> None:

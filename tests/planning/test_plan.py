@@ -4,7 +4,8 @@ import json
 import re
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -48,6 +49,7 @@ from strandcast.planning.write import to_record
 from strandcast.records.files import content_sha256
 from strandcast.records.motion import Motion
 from strandcast.records.record import HEAD
+from strandcast.stages.plan_inputs import past_trial_of
 from strandcast.threads import threads
 
 LAYOUT = mass_layout(0.30, 10, [0.30])
@@ -305,6 +307,25 @@ def test_candidates_are_tried_until_one_is_likely_to_hit_and_the_likeliest_is_ta
     plan = likeliest(task, [lambda one=one: found(one) for one in stated])
     assert plan.simulations == 100 * tried
     np.testing.assert_allclose(plan.hit_probability(task.hit_radius_m), max(stated[:tried]))
+
+
+def test_a_motion_beyond_a_limit_that_was_lowered_is_left_out(
+    task: PlanningTask, first: PlannedMotion, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def beyond() -> PlannedMotion:
+        raise StrandcastError("SC-P004", "velocity 6.3 rad/s, limit 5.7")
+
+    assert likeliest(task, [beyond, lambda: first, beyond]).curve is first.curve
+    assert "motion 1 is left out: velocity 6.3 rad/s, limit 5.7" in capsys.readouterr().err
+    with pytest.raises(StrandcastError, match="SC-P004"):
+        likeliest(task, [beyond, beyond])
+
+
+def test_a_trial_of_other_joints_is_refused(task: PlanningTask, first: PlannedMotion) -> None:
+    record = to_record(first, task, "test", 1, 0, {})
+    played = SimpleNamespace(number=1, motion=record.model_copy(update={"joint_names": ["a", "b", "c"]}))
+    with pytest.raises(StrandcastError, match="SC-X004: trial 1 moved a, b, c, and the arm's are joint_1"):
+        past_trial_of(cast(Any, played), task)
 
 
 def test_a_prediction_that_failed_widens_the_next_one(

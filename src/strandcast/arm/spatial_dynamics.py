@@ -266,11 +266,20 @@ def mass_matrix(q: np.ndarray, links: Links) -> np.ndarray:
             answer[i, j] = answer[j, i] = _about_axis(axis[i], anchor[i], linear, angular)
         if j > 0:
             carried[j - 1] += carried[j]
-            for r in range(3):  # numba takes 5 s to compile the sums of whole arrays
-                first[j - 1, r] += first[j, r]
-                for c in range(3):
-                    second[j - 1, r, c] += second[j, r, c]
+            _add_moments(first[j], second[j], first[j - 1], second[j - 1])
     return answer
+
+
+@njit(cache=True)
+def _add_moments(first: np.ndarray, second: np.ndarray, to_first: np.ndarray, to_second: np.ndarray) -> None:
+    """Add the first moment (3,) and the second one (3, 3) of a body to those of another.
+
+    By number: numba takes 5 s to compile the sums of whole arrays.
+    """
+    for r in range(3):
+        to_first[r] += first[r]
+        for c in range(3):
+            to_second[r, c] += second[r, c]
 
 
 @njit(cache=True)

@@ -180,6 +180,13 @@ def _settles(q: np.ndarray, command: np.ndarray, needed: np.ndarray, stiffness: 
     return stays
 
 
+@njit(cache=True)
+def _write(values: np.ndarray, to: np.ndarray) -> None:
+    """Write values (J,) by number: numba takes 3 s to compile the assignment of a whole array."""
+    for j in range(len(values)):
+        to[j] = values[j]
+
+
 @njit(cache=True, nogil=True)
 def _simulate(
     first: int,
@@ -201,25 +208,17 @@ def _simulate(
     """
     _, count, joints = commands.shape
     h = stride * every_s
-    q, v, none = np.empty(joints), np.empty(joints), np.zeros(joints)
-    push, change, needed, work = (
-        np.empty(joints),
-        np.empty(joints),
-        np.empty(joints),
-        np.empty((WORK, joints, 3)),
-    )
-    middle_q, middle_v = np.empty_like(q), np.empty_like(q)
+    none, push, needed = np.zeros(joints), np.empty(joints), np.empty(joints)
+    middle_q, middle_v, work = np.empty(joints), np.empty(joints), np.empty((WORK, joints, 3))
     for p in range(first, last):
         stiffness, damping, motor, share, delay_s = loops[min(p, len(loops) - 1)]
         gravity = (1.0 - carried[min(p, len(carried) - 1)]) * whole_gravity
-        for j in range(joints):  # numba takes 3 s to compile the assignment of whole arrays
-            q[j], v[j], change[j] = commands[p, 0, j], 0.0, 0.0
+        q, v, change = commands[p, 0].copy(), np.zeros(joints), np.zeros(joints)
         for _ in range(SETTLING):
             write_torques(q, none, none, links, gravity, work, needed)
             if _settles(q, commands[p, 0], needed, stiffness):
                 break
-        for j in range(joints):
-            answer[p, 0, j] = q[j]
+        _write(q, answer[p, 0])
         for k in range(0, count - 1, stride):
             for j in range(joints):
                 middle_q[j], middle_v[j] = q[j] + 0.5 * h * v[j], v[j] + 0.5 * change[j]
@@ -234,9 +233,8 @@ def _simulate(
                 off = 0.5 * (before + after) - q[j] - 0.5 * h * v[j]
                 rate = share[j] * (after - before) / h - v[j]
                 push[j] = stiffness[j] * off + damping[j] * rate - own[0, j] * v[j] - needed[j]
-            solved = np.linalg.solve(whole, push)
+            change = h * np.linalg.solve(whole, push)
             for j in range(joints):
-                change[j] = h * solved[j]
                 for t in range(1, min(stride, count - 1 - k) + 1):
                     s = t / stride
                     answer[p, k + t, j] = q[j] + s * h * (v[j] + 0.5 * s * change[j])

@@ -137,6 +137,12 @@ def refuse_without_target(context: Context) -> None:
 def past_trial_of(trial: Trial, task: PlanningTask) -> PastTrial:
     """Return a trial on its motion's own clock, joints as often as the task's."""
     assert trial.motion is not None
+    if (played := tuple(trial.motion.joint_names)) != task.arm.joints:
+        what = (
+            f"trial {trial.number} moved {', '.join(played)}, and the arm's are {', '.join(task.arm.joints)}"
+        )
+        fix = "begin an experiment for the other joints, or exclude the trials before"
+        raise StrandcastError("SC-X004", what, file=task.arm.path, field="throw.joints", fix=fix)
     past = past_trial(trial.motion, measured_of(trial, task.hit_radius_m), task.step_s)
     if not np.array_equal(trial.motion.target_m, task.target_m):  # the miss is to another target
         past = replace(past, stated_m=None)
