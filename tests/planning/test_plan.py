@@ -324,7 +324,7 @@ def test_a_motion_beyond_a_limit_that_was_lowered_is_left_out(
 def test_a_trial_of_other_joints_is_refused(task: PlanningTask, first: PlannedMotion) -> None:
     record = to_record(first, task, "test", 1, 0, {})
     played = SimpleNamespace(number=1, motion=record.model_copy(update={"joint_names": ["a", "b", "c"]}))
-    with pytest.raises(StrandcastError, match="SC-X004: trial 1 moved a, b, c, and the arm's are joint_1"):
+    with pytest.raises(StrandcastError, match="trial 1 moved a, b, c, and the arm's are joint_1"):
         past_trial_of(cast(Any, played), task)
 
 
