@@ -52,6 +52,14 @@ def test_an_exclusion_adds_one_line_and_its_removal_restores_the_file(file: Path
     assert file.read_bytes() == before
 
 
+def test_a_title_may_hold_other_ends_of_lines(file: Path) -> None:
+    before = f'title: "one\u2028two\x85three"\n{START}excluded: []\n'
+    file.write_text(before, encoding="utf-8")
+    assert set_excluded(file, 2, "slipped")
+    assert reasons(file) == {2: "slipped"}
+    assert file.read_text(encoding="utf-8").startswith(before.removesuffix("excluded: []\n"))
+
+
 def test_comments_and_other_exclusions_stay(file: Path) -> None:
     file.write_text(START.replace("# The search", LIST + "\n# The search"))
     assert set_excluded(file, 3, "cut")

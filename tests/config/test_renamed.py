@@ -121,6 +121,14 @@ def test_readings_of_the_papers_method_are_fixed(tmp_path, caplog):
     assert not load_experiment(file).estimate.free_end
 
 
+def test_fix_writes_beside_a_title_with_other_ends_of_lines(tmp_path):
+    file = tmp_path / "e.yaml"
+    head = f'title: "one\u2028two"\n{HEAD}'
+    file.write_text(f"{head}plan: {{use_servo: true}}\n", encoding="utf-8")
+    assert fix_names(file) == 1
+    assert file.read_text(encoding="utf-8").startswith(head)
+
+
 @pytest.mark.parametrize(
     ("old", "new"),
     [

@@ -73,6 +73,9 @@ def test_places(tmp_path):
     assert place("a/data/demo/trial-02/run.json") == ("a", "demo", 2, True)
     assert place("a/results/demo/cameras/main.json") == ("a", "demo", 0, False)
     assert place("results/x/results/demo/summary.json") == ("results/x", "demo", 0, False)
+    assert place("results/x/results/demo/motions/1f/motion.json") is None
+    assert place("results/x/data/demo/rehearsal/motion.json") is None
+    assert place("a/results/data/trial-02/track.json") == ("a", "data", 2, False)
     assert place("data/motions/motion.json") is None  # just a folder with that name
     assert place("elsewhere/motion.json") is None
     assert str(Place(tmp_path, "demo", 2, False)) == "demo trial 2"

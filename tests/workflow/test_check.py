@@ -113,6 +113,28 @@ def test_a_missing_trial_between_others_is_refused_with_the_line_that_excludes_i
     assert runnable(root, ["rig"], raw=False) == (["rig"], [])
 
 
+def test_results_of_a_trial_without_its_raw_files_are_refused(root: Path) -> None:
+    """The last trial was on a disk that is not mounted: its motion would have been planned again."""
+    for number in (1, 2):
+        write(root, f"results/rig/trial-{number:02d}/report.html")
+    write(root, "data/rig/trial-01/video.mp4")
+    (root / "data/rig/trial-02").symlink_to(root / "not-mounted")
+    with pytest.raises(StrandcastError, match="SC-W036") as caught:
+        runnable(root, ["rig"])
+    assert "the results of trial 2 are there, and not the raw files" in str(caught.value)
+    found = check_experiment(root, "rig")
+    assert ("SC-W036", "trial-02") in {(each.code, Path(str(each.file)).name) for each in found.errors}
+    assert "is a link to nothing" in {each.what for each in found.warnings}
+    write(root, "data/rig/experiment.yaml", f"{SETTINGS}excluded: [{{trial: 2, reason: lost}}]\n")
+    assert runnable(root, ["rig"], raw=False) == (["rig"], [])
+
+
+def test_the_papers_results_are_no_experiment(root: Path) -> None:
+    with pytest.raises(StrandcastError, match="SC-R032") as caught:
+        runnable(root, ["paper"])
+    assert "'paper' is not a valid name" in str(caught.value)
+
+
 @pytest.fixture
 def recorded(root: Path, finished: Path) -> Path:
     """Return the folder of a recorded throw of the small experiment, with a picture of the empty scene."""

@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from strandcast.cli.common import ROOT, AsJson, ExperimentName, Experiments, TrialNumber, show
-from strandcast.errors import REFUSED
+from strandcast.errors import REFUSED, StrandcastError, single
 from strandcast.records.folders import ExperimentFolder
 
 
@@ -25,12 +25,17 @@ def check(
     from strandcast.workflow.targets import default_experiments
 
     names = experiments or default_experiments(ROOT)
-    lines = []
+    lines, not_fixed = [], {}
     for name in names if experiments or fix else []:
         file = find_experiment(name, ROOT)
-        if fix and (count := fix_names(file)):
-            lines.append(f"{file}: {count} former settings written as they are now")
+        try:
+            if fix and (count := fix_names(file)):
+                lines.append(f"{file}: {count} former settings written as they are now")
+        except StrandcastError as error:  # it stops only itself
+            not_fixed[name] = single(error)
     found = {name: check_experiment(ROOT, name) for name in names}
+    for name, problems in not_fixed.items():
+        found[name].errors = found[name].errors or problems
     elsewhere = [] if experiments else overlooked_experiments(ROOT)
     for name, each in found.items():
         counts = ("error", len(each.errors)), ("warning", len(each.warnings))

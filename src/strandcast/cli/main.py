@@ -4,6 +4,7 @@ It imports no other package before the command does: a package that is broken is
 """
 
 import gc
+import io
 import json
 import logging
 import os
@@ -38,6 +39,9 @@ def guarded(command: Callable[[], Any]) -> None:
     """Run a command; report a user's error as one message and an exit code, never as a traceback."""
     # Collections among the many objects of imports take 5 to 10 % of a short command.
     gc.set_threshold(50_000)
+    for stream in (sys.stdout, sys.stderr):  # an 8-bit locale has no …
+        if isinstance(stream, io.TextIOWrapper) and stream.encoding.lower() != "utf-8":
+            stream.reconfigure(errors="replace")
     configure_logging()
     for number in ENDING_SIGNALS:
         if signal.getsignal(number) is not signal.SIG_IGN:  # ignored by nohup, or as a job in the background

@@ -60,7 +60,7 @@ def _by_hand(path: Path, trial: int) -> StrandcastError:
 def _edited(text: str, trial: int, reason: str | None) -> str:
     """Return the file's text with another list; only the lines of the list differ."""
     newline = "\r\n" if "\r\n" in text else "\n"
-    lines = text.splitlines()
+    lines = [line.rstrip("\r\n") for line in io.StringIO(text)]  # a title may hold other ends of lines
     first, last = _place(text, lines)
     yaml = YAML(typ="rt")
     yaml.width, yaml.preserve_quotes = WIDEST, True

@@ -12,7 +12,8 @@ from strandcast.errors import StrandcastError
 from strandcast.records.folders import known_experiments
 
 NO_PROJECT = "change to a project's folder, or make one: strandcast new FOLDER"
-NAME = r"[a-z0-9][a-z0-9-]{0,63}"
+# results/paper and results/paper-quick are not experiments: they hold the summaries of many.
+NAME = r"(?!paper(?:-quick)?(?:/|$))[a-z0-9][a-z0-9-]{0,63}"
 
 
 SPELLED_OUT = str.maketrans({"ä": "ae", "ö": "oe", "ü": "ue", "ß": "ss", "ø": "oe", "æ": "ae", "å": "aa"})
@@ -41,7 +42,8 @@ def _valid_name(name: str) -> str:
     """Return the valid name that is nearest to a name."""
     plain = unicodedata.normalize("NFKD", name.lower().translate(SPELLED_OUT))
     plain = "".join(letter for letter in plain if not unicodedata.combining(letter))
-    return re.sub("[^a-z0-9]+", "-", plain).strip("-")[:64] or "string-1"
+    found = re.sub("[^a-z0-9]+", "-", plain).strip("-")[:64] or "string-1"
+    return found if re.fullmatch(NAME, found) else f"{found}-1"
 
 
 def _renaming(name: str, root: Path) -> str:

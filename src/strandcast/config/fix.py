@@ -1,5 +1,6 @@
 """Write the present names of settings into an experiment's file; every other line of it stays as it is."""
 
+import io
 import re
 from collections.abc import Sequence
 from pathlib import Path
@@ -40,7 +41,7 @@ def fix_names(path: Path) -> int:
 
 
 def _edited(text: str, changes: Sequence[Change]) -> str:
-    lines = text.splitlines(keepends=True)
+    lines = list(io.StringIO(text))  # a title may hold other ends of lines
     for change in sorted(changes, key=lambda change: (change.line, change.column), reverse=True):
         line = lines[change.line]
         old = re.compile(rf"['\"]?\w+['\"]?(\s*:[ \t]*){VALUE}").match(line, change.column)

@@ -33,9 +33,10 @@ LAB_SIZE_PX = (1280, 720)
 class LabCamera(Section):
     """The lab's camera."""
 
-    size_px: tuple[Annotated[int, Field(ge=320, le=4096)], Annotated[int, Field(ge=240, le=4096)]] = Field(
-        LAB_SIZE_PX, description="Width and height of the picture."
-    )
+    size_px: tuple[
+        Annotated[int, Field(ge=320, le=4096, multiple_of=2)],
+        Annotated[int, Field(ge=240, le=4096, multiple_of=2)],
+    ] = Field(LAB_SIZE_PX, description="Width and height of the picture, even numbers.")
     frame_rate_hz: Annotated[float, Field(ge=60, le=5000)] = Field(500.0, description="Frames per second.")
     exposure_s: Annotated[float, Field(gt=0, le=0.02)] = Field(
         4e-4,

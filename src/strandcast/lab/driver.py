@@ -239,7 +239,7 @@ def joint_log(
     random: np.random.Generator,
 ) -> JointLog:
     """Return the controller's log: encoders with zero error, noise and steps; commands as received."""
-    every = round(1.0 / (arm.log_rate_hz * CYCLE_S))
+    every = max(1, round(1.0 / (arm.log_rate_hz * CYCLE_S)))
     rows = slice(0, None, every)
     since_s = swing.time_s[rows]
     q = swing.q_rad[rows] - variation.joint_zero_rad

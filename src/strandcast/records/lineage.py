@@ -128,14 +128,18 @@ def check_picture(path: Path, lineage: Lineage | None) -> None:
 def place_of(path: str | Path) -> Place | None:
     """Return where a file lies in a project: data or results, an experiment, perhaps a trial.
 
-    A kept motion lies nowhere: whatever it was planned from may have changed.
+    A kept motion lies nowhere: whatever it was planned from may have changed; so does a rehearsal.
     """
     parents = Path(os.path.normpath(Path(path).absolute())).parents  # not "trial-01/../cameras"
-    for experiment, trial in zip(parents, [None, *parents], strict=False):
+    for experiment, inside in zip(parents, [None, *parents], strict=False):
         raw = experiment.parent.name == "data"
-        number = trial_number(trial.name) if trial is not None else 0
-        kept = trial is not None and trial.name == KEPT_MOTIONS
-        if (raw and number) or (experiment.parent.name == "results" and not kept):
+        if not raw and experiment.parent.name != "results":
+            continue
+        number = trial_number(inside.name) if inside is not None else 0
+        # A project may lie in another folder called results.
+        if inside is not None and (inside.name == KEPT_MOTIONS or (raw and not number)):
+            return None
+        if not raw or number:
             return Place(experiment.parent.parent, experiment.name, number, raw)
     return None
 

@@ -83,15 +83,17 @@ def refusal(root: Path, name: str, until: str | None = None, *, raw: bool = True
 
 
 def refuse_lost_trials(context: Context) -> None:
-    """Refuse an experiment with pages of trials that count, and no raw files at all (SC-W036)."""
-    reported = context.counted(context.folder.reported_trials())
-    if reported and not context.folder.thrown_trials():
+    """Refuse an experiment with the page of a trial that counts, and not its raw files (SC-W036)."""
+    folder = context.folder
+    lost = sorted({*context.counted(folder.reported_trials())} - {*folder.thrown_trials()})
+    if lost:
         raise StrandcastError(
             "SC-W036",
-            f"the results of {len(reported)} trial{'s' * (len(reported) > 1)} are there, and no raw files",
-            file=context.folder.data,
-            cost="their motions would be planned again, as if nothing had been thrown",
-            fix=f"copy the trials' folders there, or move {context.folder.results} away to begin again",
+            f"the results of trial {', '.join(map(str, lost))} are there, and not the raw files",
+            file=folder.trial(lost[0]).data,
+            cost="motions would be planned again, as if that had not been thrown",
+            fix=f"copy its folder there, exclude it, or, to throw it again, move "
+            f"{folder.trial(lost[0]).results} away",
         )
 
 
@@ -342,12 +344,11 @@ def _check_folders(context: Context, found: Checked) -> None:
     numbers = folder.thrown_trials()
     for path in sorted(folder.data.glob("[tT][rR][iI][aA][lL]*")):
         if not (path.is_dir() and trial_number(path.name)) and str(path) not in reported:
+            what = f"is not used: trials are folders {TRIAL_NAMES}"
             fix = "rename it to a trial's name if it holds a throw, e.g. trial-01"
-            found.warnings.append(
-                StrandcastError(
-                    "SC-R032", f"is not used: trials are folders {TRIAL_NAMES}", file=path, fix=fix
-                )
-            )
+            if path.is_symlink() and not path.exists():
+                what, fix = "is a link to nothing", "mount or restore what it links to"
+            found.warnings.append(StrandcastError("SC-R032", what, file=path, fix=fix))
     for path in (folder.trial(number).data / name for number in numbers for name in RAW_RECORDS):
         if path.is_file():
             found.attempt(READERS[".json"], path)

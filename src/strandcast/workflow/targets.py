@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable, Iterator
 from functools import cache
 from pathlib import Path
 
-from strandcast.config.find import NAME
+from strandcast.config.find import NAME as EXPERIMENT
 from strandcast.core.trial_names import PREFIX, TRIAL_DIGITS, trial_digits, trial_name
 from strandcast.errors import StrandcastError
 from strandcast.records.folders import ExperimentFolder, known_experiments, own_experiments, trial_folders
@@ -24,8 +24,6 @@ from strandcast.stages.producers import BY_CAMERA
 ROOT = Path()
 DEMO = "demo"
 NEVER = "(?!)"  # the pattern that matches nothing
-# results/paper and results/paper-quick are not experiments: they hold the summaries of many.
-EXPERIMENT = rf"(?!paper(?:-quick)?(?:/|$)){NAME}"
 TRIAL = TRIAL_DIGITS
 CAMERA = r"[a-z0-9][a-z0-9_-]{0,31}"
 

@@ -82,7 +82,8 @@ def facts_of(folder: Path) -> dict[Path, list[int]] | None:
         return None
     for path in paths:
         with suppress(OSError):  # a dangling link, or somebody else's folder
-            inside = (each for each in path.iterdir() if each.suffix.lower() in PICTURES)
+            each_of = path.iterdir() if path.is_dir() else ()
+            inside = [each for each in each_of if each.suffix.lower() in PICTURES]
             facts = [each.stat() for each in (inside if path.is_dir() else (path,))]
             if facts:
                 size, changed = sum(each.st_size for each in facts), max(each.st_mtime_ns for each in facts)
