@@ -169,7 +169,7 @@ test-kernels: $(VENV)/dev.stamp  ## compile every kernel by a few tests; VENV=.v
 	@# A kernel counts as compiled in its own process: none is taken from the user's folder. Then one experiment from film to plan.
 	@NUMBA_CACHE_DIR="$$(mktemp -d)"; export NUMBA_CACHE_DIR; trap 'rm -rf "$$NUMBA_CACHE_DIR"' EXIT; \
 	  $(BIN)/python -m pytest -p tests.kernels -m "not thorough" $(KERNEL_TESTS) && \
-	  $(BIN)/python -m pytest tests/workflow/test_loop.py::test_every_stage_writes_its_files
+	  $(BIN)/python -m pytest -m "not thorough" tests/workflow/test_loop.py::test_every_stage_writes_its_files tests/workflow/test_sitting_files.py
 
 .PHONY: test-widths
 test-widths: $(VENV)/dev.stamp  ## run the tests of numbers as on other processors; hours; WIDTHS="bits=0 blas=Haswell" TESTS=tests/estimation: only these
@@ -265,6 +265,10 @@ calibration: $(VENV)/runtime.stamp  ## count how far throws of drawn strings and
 .PHONY: bench-batch
 bench-batch: $(VENV)/runtime.stamp  ## measure the overhead of a batch over its stages' own work: results/bench-batch.json; SIZE=2x3; ten minutes of CPU
 	@$(BIN)/python -m strandcast_studies.benchmarks.batch.run $(if $(SIZE),--size $(SIZE))
+
+.PHONY: bench-growth
+bench-growth: $(VENV)/runtime.stamp  ## measure how tracking grows with frames and pixels, and the string's kernel with points and cores; ten minutes of CPU
+	@$(BIN)/python -m strandcast_studies.benchmarks.batch.growth
 
 .PHONY: bench-trial
 bench-trial: $(VENV)/runtime.stamp  ## measure what users wait for: a recorded trial by stage, the demo, commands: results/bench-trial.json; ten minutes of CPU

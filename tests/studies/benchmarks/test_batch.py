@@ -4,11 +4,15 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from strandcast.camera.flat import flat_camera
+from strandcast.camera.mapping import metre_to_pixel
 from strandcast.core.trial_names import trial_name
 from strandcast.workflow.project import make_project
 from strandcast_studies.benchmarks.batch.accounts import spent_by
+from strandcast_studies.benchmarks.batch.growth import scaled
 from strandcast_studies.benchmarks.batch.project import python_without_stages, record, record_empty
 from strandcast_studies.benchmarks.batch.run import Size, against_targets, extrapolated, measure, size, sizes
 from strandcast_studies.benchmarks.batch.trial import MeasuredCost, stages_s, table
@@ -84,6 +88,12 @@ def test_a_figure_stands_beside_its_peer() -> None:
         "track, per frame      4.50 CPU ms   the decoder alone: 2.25",
         "demo                 80.00 CPU s",
     ]
+
+
+def test_the_camera_of_a_larger_film_shows_the_same_places() -> None:
+    camera, places_m = flat_camera(640, 480, 1e-3, (320.0, 240.0)), np.array([[0.0, 0.0], [0.2, -0.1]])
+    px, larger_px = (metre_to_pixel(each, places_m, 0.0) for each in (camera, scaled(camera, 2.0)))
+    np.testing.assert_allclose(larger_px + 0.5, 2.0 * (px + 0.5))
 
 
 def test_every_trial_has_a_video_of_its_own(tmp_path: Path) -> None:
