@@ -8,9 +8,19 @@ import pytest
 from strandcast.core.trial_names import trial_name
 from strandcast.records.files import write_text
 from strandcast.records.motion import Motion
-from strandcast.report.checks import FAIL, NEXT_THROW, NOT_RUN, PASS, WARN, CheckResult, run_checks
+from strandcast.report.checks import (
+    FAIL,
+    NEXT_MOTION,
+    NEXT_THROW,
+    NOT_RUN,
+    PASS,
+    WARN,
+    CheckResult,
+    run_checks,
+)
 from strandcast.report.experiment_page import experiment_page
 from strandcast.report.first_screen import doubts, next_step
+from strandcast.report.panels.page_data import ExperimentPageData
 from strandcast.report.results import read_results
 from strandcast.report.summary import summarise
 
@@ -83,6 +93,19 @@ def test_the_experiments_page_says_which_trial_is_doubtful(results: Path) -> Non
     assert '<p class="doubtful">▲ Doubtful for the ' in header
     assert " of trial 1: warnings of the stages" in header
     assert header.count("<dd>") == 3
+
+
+def test_the_experiments_page_doubts_the_next_motion_and_the_trial_before(
+    results: Path,
+) -> None:
+    trials = {trial: read_results(results / trial_name(trial)) for trial in (1, 2, 3)}
+    given = {"string_length_m": 0.3, "target_m": [0.606, 0.674], "hit_radius_m": 0.02}
+    summary = summarise("swing", {trial: each.folder for trial, each in trials.items()}, **given)
+    checks = ExperimentPageData(summary, trials, next_motion=results / "gone.json").checks()
+    assert [each[-1].name == NEXT_MOTION for each in checks.values()] == [False, False, True]
+    assert checks[3][-1].state == FAIL
+    since = {trial: any("trial before" in each.name for each in found) for trial, found in checks.items()}
+    assert since == {1: False, 2: True, 3: True}
 
 
 def test_the_next_step_follows_the_verdict(results: Path) -> None:

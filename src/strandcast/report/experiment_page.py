@@ -12,7 +12,6 @@ from PIL import Image
 from strandcast.records.estimate import UNDER_PREVIOUS, Estimate
 from strandcast.records.summary import ExperimentSummary, TrialSummary
 from strandcast.records.verdict import Verdict
-from strandcast.report.checks import run_checks
 from strandcast.report.facts import Facts
 from strandcast.report.first_screen import doubts, first_figures, next_step, readable_motion
 from strandcast.report.numbers import counted, millimetres
@@ -53,7 +52,8 @@ def experiment_page(
     uncertain = summary.hit_trial is not None and uncertain_verdict(results[summary.hit_trial])
     page = ExperimentPageData(summary, results, folder, next_motion, facts)
     last, upcoming = page.last_counted, readable_motion(next_motion)
-    found = {f"trial {line.trial}": run_checks(results[line.trial], None) for line in summary.counted()}
+    checks = page.checks()
+    found = {f"trial {line.trial}": checks[line.trial] for line in summary.counted()}
     return render(
         "experiment.html.jinja",
         summary=summary,

@@ -8,6 +8,7 @@ from typing import Any
 from strandcast.records.motion import Motion
 from strandcast.records.summary import ExperimentSummary
 from strandcast.report.causes import caveat
+from strandcast.report.checks import NEXT_MOTION, CheckResult, run_checks
 from strandcast.report.facts import Facts
 from strandcast.report.results import TrialResults
 
@@ -82,6 +83,19 @@ class ExperimentPageData:
         """Return the results of the last trial that counts."""
         counted = self.summary.counted()
         return self.trials[counted[-1].trial] if counted else None
+
+    def checks(self) -> dict[int, list[CheckResult]]:
+        """Return the checks by trial; the next motion is checked with the last trial that counts.
+
+        The trial before is the last that counts, as on the page of a trial.
+        """
+        last, found, before = self.last_counted, {}, None
+        counted = {line.trial for line in self.summary.counted()}
+        for trial, results in self.trials.items():
+            checks = run_checks(results, self.next_motion, before)
+            found[trial] = [each for each in checks if results is last or each.name != NEXT_MOTION]
+            before = results if trial in counted else before
+        return found
 
     def need(self, name: str) -> Any:
         """Return a result of every trial that has it; raise the first problem if none has."""

@@ -4,7 +4,7 @@ from urllib.parse import quote
 
 from markupsafe import Markup
 
-from strandcast.report.checks import FAIL, NEXT_MOTION, NOT_RUN, PASS, WARN, run_checks
+from strandcast.report.checks import FAIL, NEXT_MOTION, NOT_RUN, PASS, WARN
 from strandcast.report.panels.content import PanelContent, Table
 from strandcast.report.panels.page_data import ExperimentPageData
 
@@ -15,9 +15,8 @@ def quality(page: ExperimentPageData) -> PanelContent:
     """Return the matrix of trials and checks; a mark leads to the checks on the trial's page."""
     trials = list(page.trials)
     by_check: dict[str, dict[int, str]] = {}
-    pairs = zip((None, *page.trials.values()), page.trials.items(), strict=False)
-    for before, (trial, results) in pairs:
-        for check in run_checks(results, None, before):
+    for trial, checks in page.checks().items():
+        for check in checks:
             if check.name == NEXT_MOTION:  # it has its own section
                 continue
             by_check.setdefault(check.name, {})[trial] = check.state
