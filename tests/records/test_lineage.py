@@ -10,6 +10,7 @@ import pytest
 
 from strandcast.errors import StrandcastError
 from strandcast.records.alignment import HAND
+from strandcast.records.files import write_text
 from strandcast.records.lineage import (
     Place,
     check_picture,
@@ -132,6 +133,17 @@ def test_raw_files_may_be_copied_to_another_experiment_but_not_to_another_trial(
         shutil.copy(root / "data/demo/trial-01/verdict.json", root / "data" / place)
     assert Verdict.read(root / "data/other/trial-01/verdict.json").hit
     assert refusal(Verdict.read, root / "data/demo/trial-02/verdict.json").code == "SC-R006"
+
+
+def test_a_users_own_json_among_the_raw_files_is_not_a_damaged_record(demo):
+    raw = demo.parents[1] / "data/demo/trial-01"
+    for name, content in (("notes", '{"camera": "Pixel 8", "fps": 240}'), ("list", "[1]")):
+        write_text(raw / f"{name}.json", content)
+    assert verify(demo.parents[1], "demo", raw=False) == []
+    write_text(raw / "notes.json", '{"schema": "strandcast.run", "fps": 240}')
+    write_text(demo / "trial-01/list.json", "[1]")
+    states = [(found.file.name, found.state) for found in verify(demo.parents[1], "demo", raw=False)]
+    assert states == [("list.json", "damaged"), ("notes.json", "damaged")]
 
 
 def test_results_that_were_copied_to_another_experiment_are_made_again(demo):
