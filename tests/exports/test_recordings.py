@@ -2,6 +2,7 @@
 
 import json
 import sys
+from dataclasses import replace
 from importlib.util import find_spec
 from itertools import islice
 
@@ -14,7 +15,7 @@ import pytest
 import strandcast
 from strandcast.errors import StrandcastError
 from strandcast.exports.csv import export_csv
-from strandcast.exports.dataset import export_dataset
+from strandcast.exports.dataset import common_rate_hz, export_dataset, usable_video
 from strandcast.exports.mcap import export_mcap
 from strandcast.exports.rerun import export_rerun
 from strandcast.exports.throw import ThrowData, read_throw
@@ -83,6 +84,14 @@ def test_dataset_is_one_of_lerobot_with_both_clocks(project, throw, tmp_path) ->
         export_dataset(strandcast.open(project)["small"], tmp_path / "set")
 
 
+def test_throws_of_a_dataset_share_one_rate_which_is_that_of_its_videos(trial, throw, tmp_path) -> None:
+    rate_hz = common_rate_hz([throw, throw])
+    with pytest.raises(StrandcastError, match="SC-E009"):
+        common_rate_hz([throw, replace(throw, camera_time_s=throw.camera_time_s / 2)])
+    assert usable_video(trial, replace(throw, video=tmp_path / "GX01.MP4"), rate_hz) is not None
+    assert usable_video(trial, throw, 8 * rate_hz) is None  # slow motion
+
+
 def test_rerun_reads_the_dataset(project, tmp_path) -> None:
     pytest.importorskip("rerun", reason=f"rerun {OPTIONAL}")
     from rerun.experimental import LeRobotReader
@@ -134,6 +143,17 @@ def test_mcap_holds_ros_messages_in_order(throw, tmp_path) -> None:
         last = np.flatnonzero(np.isfinite(throw.fitted_m).all(axis=(1, 2)))[-1]
         tip = path.poses[-1].pose.position
         assert [tip.x, tip.y, tip.z] == throw.in_space(throw.fitted_m[last, -1]).tolist()
+
+
+def test_mcap_takes_a_camera_that_starts_before_the_robots_clock(throw, tmp_path) -> None:
+    reader = pytest.importorskip("mcap.reader", reason=f"mcap {OPTIONAL}")
+    early = replace(throw, joint_time_s=throw.joint_time_s - 90.0, robot_time_s=throw.robot_time_s - 90.0)
+    assert early.robot_time_s[0] < 0.0
+    export_mcap(early, tmp_path / "throw.mcap")
+    with (tmp_path / "throw.mcap").open("rb") as file:
+        first = next(reader.make_reader(file).iter_messages())[2]
+    assert first.log_time == first.publish_time == 0
+    assert int.from_bytes(first.data[4:8], "little", signed=True) < 0  # the message's own stamp stays
 
 
 def test_rerun_holds_arm_strings_video_and_curves_on_one_clock(throw, tmp_path) -> None:

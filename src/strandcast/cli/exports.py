@@ -73,7 +73,9 @@ def export_dataset(experiment: ExperimentName, out: OutFolder, as_json: AsJson =
     from strandcast.exports.dataset import export_dataset as export
 
     frames = export(strandcast.open(ROOT)[experiment], out)
-    show(as_json, {"folder": out, "frames": frames}, [f"{out}: {frames} frames"])
+    filmed = (out / "videos").is_dir()
+    note = "" if filmed else "; no video: not every throw has an MP4 with time stamps at the rate of filming"
+    show(as_json, {"folder": out, "frames": frames, "video": filmed}, [f"{out}: {frames} frames{note}"])
 
 
 def export_crate(

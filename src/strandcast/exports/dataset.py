@@ -15,7 +15,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from strandcast.api import ExperimentView
+from strandcast.api import ExperimentView, TrialView
 from strandcast.errors import StrandcastError
 from strandcast.exports.throw import ThrowData, read_throw, refuse_filled
 from strandcast.records.files import write_text
@@ -37,17 +37,19 @@ def export_dataset(experiment: ExperimentView, folder: Path) -> int:
     Raises
     ------
     StrandcastError
-        SC-E005 the folder is not empty; SC-W030 no trial has been estimated.
+        SC-E005 the folder is not empty; SC-W030 no trial has been estimated; SC-E009 frame rates differ.
     """
     refuse_filled(folder, "a dataset")
     trials = [t for t in experiment.trials.values() if (t.folder.results / "estimate.json").is_file()]
     counted = experiment.context.counted(t.number for t in trials)
-    throws = [read_throw(trial) for trial in trials if trial.number in counted]
+    trials = [trial for trial in trials if trial.number in counted]
+    throws = [read_throw(trial) for trial in trials]
     if not throws:
         what, fix = "has no estimated trial to export", f"strandcast run {experiment.name}"
         raise StrandcastError("SC-W030", what, file=experiment.context.folder.results, fix=fix)
-    rate_hz = _rate_hz(throws[0])
-    filmed = all(throw.video is not None and throw.video.suffix == ".mp4" for throw in throws)
+    rate_hz = common_rate_hz(throws)
+    videos = [usable_video(*each, rate_hz) for each in zip(trials, throws, strict=True)]
+    filmed = None not in videos
     columns, episodes, start = [], [], 0
     for episode, throw in enumerate(throws):
         table = _rows(throw, rate_hz, episode, start)
@@ -63,7 +65,7 @@ def export_dataset(experiment: ExperimentView, folder: Path) -> int:
     _write_tasks(folder / "meta" / "tasks.parquet")
     whole = {name: np.concatenate([table[name] for table in columns]) for name in columns[0]}
     _write_json(folder / "meta" / "stats.json", {name: _stats(values) for name, values in whole.items()})
-    video = Manifest.read(trials[0].folder.results / "manifest.json").video if filmed else None
+    video = videos[0] if filmed else None
     features = _features(throws[0]) | ({} if video is None else {VIDEO: _video_feature(video, rate_hz)})
     _write_json(
         folder / "meta" / "info.json", _info(experiment, features, len(throws), start, rate_hz, filmed)
@@ -71,10 +73,37 @@ def export_dataset(experiment: ExperimentView, folder: Path) -> int:
     return start
 
 
+def common_rate_hz(throws: list[ThrowData]) -> float:
+    """Return the frame rate of all throws, which LeRobot stores once; raise SC-E009 if theirs differ."""
+    rates_hz = [_rate_hz(throw) for throw in throws]
+    for throw, rate_hz in zip(throws, rates_hz, strict=True):
+        if not is_same_rate(rate_hz, rates_hz[0]):
+            what = f"{throws[0].name} has {rates_hz[0]:.6g} frames/s and {throw.name} {rate_hz:.6g}"
+            raise StrandcastError("SC-E009", f"a dataset has one frame rate, but {what}")
+    return rates_hz[0]
+
+
+def usable_video(trial: TrialView, throw: ThrowData, rate_hz: float) -> VideoFacts | None:
+    """Return a throw's video if it is an MP4 with time stamps at the rate of filming, None otherwise.
+
+    It is copied as it is, and LeRobot finds pictures by their time stamps: wrong ones in slow motion.
+    """
+    if throw.video is None or throw.video.suffix.lower() != ".mp4":
+        return None
+    video = Manifest.read(trial.folder.results / "manifest.json").video
+    stamped_hz = video.time_stamp_rate_hz
+    return video if stamped_hz is not None and is_same_rate(stamped_hz, rate_hz) else None
+
+
+def is_same_rate(rate_hz: float, other_hz: float) -> bool:
+    """Return whether two rates differ by less than a thousandth, up to which they are rounded."""
+    return abs(rate_hz / other_hz - 1.0) < 1e-3
+
+
 def _rate_hz(throw: ThrowData) -> float:
     """Return the frame rate, whole where it is within a thousandth of a whole number."""
     rate_hz = float((throw.frame[-1] - throw.frame[0]) / (throw.camera_time_s[-1] - throw.camera_time_s[0]))
-    return round(rate_hz) if abs(rate_hz / round(rate_hz) - 1.0) < 1e-3 else rate_hz
+    return round(rate_hz) if is_same_rate(rate_hz, round(rate_hz)) else rate_hz
 
 
 def _rows(throw: ThrowData, rate_hz: float, episode: int, start: int) -> dict[str, np.ndarray]:

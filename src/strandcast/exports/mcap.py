@@ -12,6 +12,7 @@ import numpy as np
 
 from strandcast.exports.throw import ThrowData
 from strandcast.packages import optional_package
+from strandcast.records.files import atomic_write
 
 BASE_FRAME = "base"
 JOINT_STATE, PATH = "sensor_msgs/msg/JointState", "nav_msgs/msg/Path"
@@ -57,14 +58,16 @@ def export_mcap(throw: ThrowData, out: Path) -> int:
     """
     mcap = optional_package("mcap.writer", "mcap", "mcap")
     messages = sorted(_messages(throw), key=lambda message: message[0])
-    with out.open("wb") as file:
+    # MCAP's own times are unsigned; a camera may start before a log that begins at 0.
+    shift_ns = max(0, -round(1e9 * messages[0][0])) if messages else 0
+    with atomic_write(out) as temporary, temporary.open("wb") as file:
         writer = mcap.Writer(file)
         writer.start(profile="ros2", library="strandcast")
         texts = {kind: definition(kind).encode() for kind in WHOLES}
         schemas = {kind: writer.register_schema(kind, "ros2msg", text) for kind, text in texts.items()}
         topics = {name: writer.register_channel(name, "cdr", schemas[kind]) for name, kind in TOPICS.items()}
         for time_s, topic, content in messages:
-            stamp = round(1e9 * time_s)
+            stamp = round(1e9 * time_s) + shift_ns
             writer.add_message(topics[topic], log_time=stamp, publish_time=stamp, data=content)
         writer.finish()
     return len(messages)
