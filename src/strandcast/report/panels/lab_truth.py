@@ -61,7 +61,7 @@ def lab_truth(page: TrialPageData) -> PanelContent:
         [
             "clock offset",
             milliseconds(alignment.offset_s, alignment.offset_se_s, digits=3),
-            milliseconds(alignment.offset_s - float(np.mean(clock_s)), digits=3),
+            milliseconds(truth.facts.get("offset_s"), digits=3),
         ],
         ["clock drift", *(scaled(v, 1e6, 1, "ppm") for v in (alignment.drift, truth.facts.get("drift")))],
         *_length_row(summary.length_m, summary.choices.get("length_m"), truth),
