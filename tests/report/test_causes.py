@@ -220,6 +220,7 @@ def test_the_methods_name_the_fault_with_its_numbers(good, too_short):
 def test_the_methods_mention_a_rehearsal(good):
     motion = good.pieces["motion"]
     assert "empty clamp" not in methods(good)
+    assert f"The motion was planned by “{motion.provenance.planner}”." in methods(good)
     kind = motion.provenance.model_copy(update={"kind": "rehearsed"})
     assert "played with an empty clamp" in methods(with_record(good, "motion", provenance=kind))
 

@@ -26,7 +26,7 @@ from strandcast.report.drawing import Drawing
 from strandcast.report.expected import expected_miss, probable
 from strandcast.report.first_screen import first_figures
 from strandcast.report.measures import fit_window
-from strandcast.report.numbers import millimetres
+from strandcast.report.numbers import millimetres, milliseconds
 from strandcast.report.pages import csv_link
 from strandcast.report.panels.alignment import alignment
 from strandcast.report.panels.budget import budget, miss_parts
@@ -39,6 +39,8 @@ from strandcast.report.panels.page_data import ExperimentPageData, TrialPageData
 from strandcast.report.panels.predicted import next_throw, predicted_throw, throws_of
 from strandcast.report.panels.progress import misses
 from strandcast.report.panels.quality import quality
+from strandcast.report.panels.strobe import strobe
+from strandcast.report.panels.strobe_picture import strobe_picture
 from strandcast.report.panels.throws import closest_strings
 from strandcast.report.panels.tip_path import tip_path
 from strandcast.report.panels.viewer import film_of
@@ -47,7 +49,7 @@ from strandcast.report.summary import summarise
 from strandcast.report.text import outcome
 from strandcast.report.typeset import quantity, typeset, unit
 
-from .conftest import START_S
+from .conftest import OFFSET_S, START_S
 
 
 def page_data(folder: Path) -> TrialPageData:
@@ -72,6 +74,31 @@ def test_lab_truth_gives_the_rms_of_its_curve(results: Path) -> None:
     start_s, end_s = page.results.window_s()
     inside = (tip[:, 0] >= 0) & (tip[:, 0] <= 1e3 * (end_s - start_s))
     assert f"(tip {rms_mm(tip[inside, 1]):.2f}\u00a0mm)" in made.finding
+
+
+def test_the_labs_offset_is_the_true_one(results: Path) -> None:
+    row = next(
+        row for row in lab_truth(page_data(results / "trial-03")).tables[0].rows if row[0] == "clock offset"
+    )
+    assert row[2] == milliseconds(OFFSET_S, digits=3)
+
+
+def test_the_panels_measure_a_miss_from_what_was_aimed_at(results: Path, tmp_path: Path) -> None:
+    folder = Path(shutil.copytree(results, tmp_path / "swing")) / "trial-03"
+    verdict = Verdict.read(folder / "verdict.json")
+    verdict.model_copy(update={"wanted": "at least 5 m/s"}).write(folder / "verdict.json")
+    for panel in (strobe, strobe_picture):
+        finding = panel(page_data(folder)).finding
+        assert f"he aim was missed by {millimetres(verdict.miss_m)}" in finding
+        assert "from the target" not in finding
+    assert verdict.closest_m is not None
+    x, y = verdict.closest_m
+    bar_m = [[x - 1.0, y], [x + 1.0, y]]  # where the tip passes it at 0, far from its middle
+    verdict.model_copy(update={"bar_m": bar_m, "target_m": bar_m[0]}).write(folder / "verdict.json")
+    page = page_data(folder)
+    for text in (strobe(page).finding, strobe_picture(page).finding, outcome(page.results)):
+        assert "the bar from (" in text
+    assert np.nanmin(film_of(page.results, page.need("clip")).to_target_m) < 0.01
 
 
 def test_a_true_string_of_another_length_is_compared_at_equal_shares(results: Path, tmp_path: Path) -> None:

@@ -60,6 +60,23 @@ def uncertain_verdict(results: TrialResults) -> bool:
     return verdict is not None and too_near(verdict, verdict.hit_radius_m)
 
 
+def missed_from(verdict: Verdict) -> str:
+    """Return in words what the miss is measured from."""
+    if verdict.wanted is not None:
+        return f"{verdict.wanted}; a shortfall in direction, speed or height counts as metres"
+    if verdict.bar_m is None:
+        return f"the target at {place(verdict.target_m)}"
+    return f"the bar from {place(verdict.bar_m[0])} to {place(verdict.bar_m[1])}"
+
+
+def miss_in_words(verdict: Verdict) -> str:
+    """Return the miss and what it is measured from."""
+    miss = millimetres(verdict.miss_m)
+    if verdict.wanted is not None:
+        return f"the aim was missed by {miss}"
+    return f"{miss} from {missed_from(verdict)}"
+
+
 def outcome(results: TrialResults) -> str:
     """Return the verdict in a sentence or two: the miss with its uncertainty, and whether it was expected."""
     verdict: Verdict | None = results.get("verdict")
@@ -67,14 +84,15 @@ def outcome(results: TrialResults) -> str:
         return "Whether the tip hit is unknown."
     if verdict.target_m is None:
         return _as_fitted(results)
-    target = f"The target at {place(verdict.target_m)}" if verdict.wanted is None else "The aim"
+    aim = missed_from(verdict) if verdict.wanted is None else "the aim"
+    target = f"{aim[0].upper()}{aim[1:]}"
     if verdict.miss_m is None:
         return f"{target}: the closest approach was not seen; {verdict.reason}."
     miss = millimetres(verdict.miss_m, verdict.miss_sigma_m)
     if not verdict.hit:
         text = f"{target} was missed by {miss}"
     elif verdict.wanted is None:
-        text = f"The tip passed {miss} from {target[0].lower()}{target[1:]}"
+        text = f"The tip passed {miss} from {aim}"
     else:
         text = f"{target} was reached to within {miss}"
     motion: Motion | None = results.get("motion")
@@ -128,11 +146,9 @@ def methods(results: TrialResults) -> str:
     sentences += [
         sentence(record) for name, sentence in SENTENCES.items() if (record := results.get(name)) is not None
     ]
-    what, named = ("The loop is", "search and planner are")
-    if not results.aimed():
-        what, named = ("The string model is", "the search is")
+    what = "The loop is" if results.aimed() else "The string model is"
     sentences.append(
-        f"{what} that of {CITATION}, as implemented by strandcast; {named} named above "
+        f"{what} that of {CITATION}, as implemented by strandcast; procedures are named above "
         "(“paper” is the paper's own procedure, every other name strandcast's); every E is unweighted (w = "
         "0) unless stated otherwise."
     )
@@ -204,11 +220,14 @@ def _fit(estimate: Estimate) -> str:
 
 
 def _planning(motion: Motion) -> str:
-    if motion.provenance is None or motion.provenance.kind != "rehearsed":
+    if motion.provenance is None:
         return ""
+    planned = f"The motion was planned by “{motion.provenance.planner}”."
+    if motion.provenance.kind != "rehearsed":
+        return planned
     return (
-        "Before the first throw, the planned motion was played with an empty clamp, and planned again with "
-        "the joints' measured error."
+        f"{planned} Before the first throw, it was played with an empty clamp, and planned again with the "
+        "joints' measured error."
     )
 
 

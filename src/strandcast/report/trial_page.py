@@ -6,20 +6,26 @@ from typing import Any
 
 from strandcast.records.estimate import UNDER_PREVIOUS
 from strandcast.records.manifest import Manifest
-from strandcast.records.verdict import Verdict
 from strandcast.report.causes import probable_causes
 from strandcast.report.checks import PASS, STATES, run_checks
 from strandcast.report.facts import Facts
 from strandcast.report.first_screen import doubts, first_figures, next_step, readable_motion
 from strandcast.report.measures import best_guess_m, fit_window
-from strandcast.report.numbers import UNKNOWN, millimetres, milliseconds, percent, place
+from strandcast.report.numbers import UNKNOWN, millimetres, milliseconds, percent
 from strandcast.report.pages import render
 from strandcast.report.panels.content import make_sections, without_lead
 from strandcast.report.panels.page_data import TrialPageData
 from strandcast.report.panels.registry import panels_of
 from strandcast.report.provenance import mixed_versions, trial_provenance, version_groups
 from strandcast.report.results import TrialResults, read_results
-from strandcast.report.text import methods, outcome, uncertain_verdict, verdict_badge, warnings_of
+from strandcast.report.text import (
+    methods,
+    missed_from,
+    outcome,
+    uncertain_verdict,
+    verdict_badge,
+    warnings_of,
+)
 
 
 def trial_page(
@@ -78,15 +84,6 @@ def trial_page(
     )
 
 
-def _missed(verdict: Verdict) -> str:
-    """Return in words what the miss is measured from."""
-    if verdict.wanted is not None:
-        return f"{verdict.wanted}; a shortfall in direction, speed or height counts as metres"
-    if verdict.bar_m is None:
-        return f"the target at {place(verdict.target_m)}"
-    return f"the bar from {place(verdict.bar_m[0])} to {place(verdict.bar_m[1])}"
-
-
 def _key_figures(results: TrialResults) -> list[tuple[str, str]]:
     """Return the quantities of all stages, each with its value."""
     figures = [
@@ -110,7 +107,7 @@ def _log_sha(manifest: Manifest) -> str:
 # Quantity, the result that gives it, and its text.
 KEY_FIGURES: tuple[tuple[str, str, Callable[[Any], str]], ...] = (
     ("miss", "verdict", lambda v: millimetres(v.miss_m, v.miss_sigma_m)),
-    ("measured from", "verdict", _missed),
+    ("measured from", "verdict", missed_from),
     ("hit radius", "verdict", lambda v: millimetres(v.hit_radius_m)),
     ("E, with the parameters that planned it", "estimate", lambda e: _fine(e.E_planned_m)),
     ("E, after the fit", "estimate", lambda e: _fine(e.E_m)),

@@ -12,6 +12,7 @@ from strandcast.report.panels.content import PanelContent, Table
 from strandcast.report.panels.page_data import TrialPageData
 from strandcast.report.panels.tip_path import draw_target
 from strandcast.report.results import Array, TrialResults
+from strandcast.report.text import miss_in_words
 
 
 def strobe(page: TrialPageData) -> PanelContent:
@@ -40,8 +41,7 @@ def strobe(page: TrialPageData) -> PanelContent:
     finding = f"{len(strobe_rows(results))} instants at equal arc length of the tip's path" + (
         "."
         if verdict.target_m is None
-        else f"; the closest approach ({millimetres(verdict.miss_m)} from the target at "
-        f"{place(verdict.target_m)}) is bold."
+        else f"; the closest approach ({miss_in_words(verdict)}) is bold."
         if verdict.miss_m is not None
         else f"; the closest approach to the target at {place(verdict.target_m)} was not detected."
     )

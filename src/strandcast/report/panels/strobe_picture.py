@@ -10,11 +10,11 @@ from PIL import Image
 from strandcast.errors import StrandcastError
 from strandcast.records.camera import Camera
 from strandcast.records.verdict import Verdict
-from strandcast.report.numbers import millimetres, place
 from strandcast.report.pages import embedded
 from strandcast.report.panels.content import PanelContent
 from strandcast.report.panels.page_data import TrialPageData
 from strandcast.report.results import FILES, Array, TrialResults
+from strandcast.report.text import miss_in_words
 
 CAPTURE_CAPTION = (
     "Dashed: the fitted string at the instants of the picture, with the measured points as small rings."
@@ -32,7 +32,7 @@ def strobe_picture(page: TrialPageData) -> PanelContent:
     finding = (
         f"The string in {len(frames)} frames."
         if not aimed
-        else f"The tip passed the target at {place(verdict.target_m)} at {millimetres(verdict.miss_m)}."
+        else f"The closest approach: {miss_in_words(verdict)}."
         if verdict.miss_m is not None
         else f"The tip's closest approach was not detected: {verdict.reason}."
     )

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from strandcast.records.camera import Camera
 from strandcast.records.clip import PLAYED_HZ, Clip
-from strandcast.report.measures import fitted_rows, runs
+from strandcast.report.measures import fitted_rows, runs, target_distance_m
 from strandcast.report.numbers import millimetres, milliseconds
 from strandcast.report.pages import render
 from strandcast.report.panels.content import PanelContent
@@ -156,7 +156,7 @@ def film_of(results: TrialResults, clip: Clip) -> Film:
     )
     to_target_m = np.full(len(frame), np.nan)
     if results.aimed():
-        to_target_m = np.linalg.norm(measured_m[:, -1] - np.array(results.need("verdict").target_m), axis=1)
+        to_target_m = target_distance_m(results.need("verdict"), measured_m[:, -1])
     return Film(frame, measured_m, flagged, fitted_m, to_target_m, error_m, since_s, counts)
 
 
