@@ -1,6 +1,7 @@
 """Two sets of results side by side: pairs, differences with their uncertainty, and the page."""
 
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -17,7 +18,7 @@ from strandcast.report.comparison import (
     read_records,
     sign_test,
 )
-from strandcast.report.comparison_page import change, comparison_lines, comparison_page
+from strandcast.report.comparison_page import change, comparison_lines, comparison_page, headline
 
 
 def trials(
@@ -57,6 +58,12 @@ def test_trials_are_paired_by_number(results: Path) -> None:
     assert rows["wall time"].difference.value == -3.0
     assert found.same_recording == {2: True}
     assert found.tallies == [Tally("miss", 1, 0, 1.0), Tally("wall time", 1, 0, 1.0)]
+
+
+def test_equal_results_do_not_differ(results: Path) -> None:
+    same = compare(("old", "new"), trials(results, (1,)), trials(results, (1,)))
+    assert headline(same) == "No quantity that is counted differs."
+    assert headline(replace(same, rows=[])) == "No quantity is known in both."
 
 
 def test_results_without_a_common_trial_are_refused(results: Path) -> None:

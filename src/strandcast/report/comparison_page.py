@@ -68,7 +68,8 @@ def comparison_lines(comparison: Comparison) -> list[str]:
 def headline(comparison: Comparison) -> str:
     """Return in one sentence in how many trials B is lower."""
     if not comparison.tallies:
-        return "No quantity is known in both."
+        known = any(row.difference.value is not None for row in comparison.rows)
+        return "No quantity that is counted differs." if known else "No quantity is known in both."
     return "; ".join(_counted(each) for each in comparison.tallies) + "."
 
 
