@@ -181,7 +181,11 @@ def test_a_wrong_frame_rate_is_named_with_the_right_one(good):
     bad = with_record(good, "alignment", drift=0.01, drift_se=1e-4)
     (cause,) = probable_causes(bad)
     assert "frame rate is wrong" in cause.what
-    assert f"camera.frame_rate_hz: {rate_hz / 1.01:.4g}" in cause.fix
+    assert f"camera.frame_rate_hz: {rate_hz / 1.01:.6g}" in cause.fix
+    assert "running 1.00 ± 0.01 % slower" in cause.evidence.replace("\u00a0", " ")
+    (cause,) = probable_causes(with_record(good, "alignment", drift=rate_hz / 119880.0 - 1.0, drift_se=1e-6))
+    assert cause.first == "set camera.frame_rate_hz: 119880 and run again"
+    assert " % faster" in cause.evidence.replace("\u00a0", " ")
     assert probable_causes(with_record(good, "alignment", drift=0.002, drift_se=1e-3)) == []
 
 
@@ -214,7 +218,7 @@ def test_the_methods_name_the_fault_with_its_numbers(good, too_short):
     assert f"Known and not corrected: {TOO_LONG.what}" in methods(too_short)
     rate_hz = good.pieces["manifest"].video.frame_rate_hz
     corrected = methods(with_record(good, "alignment", drift=0.01, drift_se=1e-4)).replace("\u00a0", " ")
-    assert f"corrected to {rate_hz / 1.01:.1f} ±" in corrected
+    assert f"corrected to {rate_hz / 1.01:.3f} ±" in corrected
 
 
 def test_the_methods_mention_a_rehearsal(good):

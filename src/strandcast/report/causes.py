@@ -243,28 +243,29 @@ def _wrong_clock(results: TrialResults) -> Iterator[Cause]:
     if fit.drift_se is None or abs(fit.drift) < max(WRONG_RATE, SIGMAS * fit.drift_se):
         return
     nominal_hz = manifest.video.frame_rate_hz
+    # Rounded less than a clock may drift, and as YAML reads it.
+    nominal, true = (f"{rate_hz:.6g}" for rate_hz in (nominal_hz, nominal_hz / (1.0 + fit.drift)))
     true_hz, true_se_hz = nominal_hz / (1.0 + fit.drift), nominal_hz * fit.drift_se
     lasted_s = fit.motion_end_s - fit.motion_start_s
     source = (
         "experiment.yaml" if manifest.video.frame_rate_source == "experiment" else "the video’s time stamps"
     )
     yield Cause(
-        f"the video’s frame rate is wrong: {significant(nominal_hz, 4)} frames/s by {source}, "
-        f"{significant(true_hz, 4)} by the hand’s motion",
+        f"the video’s frame rate is wrong: {nominal} frames/s by {source}, {true} by the hand’s motion",
         f"the hand by the camera and by the joint log agree only with the camera’s clock running "
-        f"{scaled(fit.drift, 100, 2, '%', fit.drift_se)} slower than the robot’s (true rate "
-        f"{scaled(true_hz, 1, 1, 'frames/s', true_se_hz)}); usual clocks agree within 0.01 %",
+        f"{scaled(abs(fit.drift), 100, 2, '%', fit.drift_se)} "
+        f"{'slower' if fit.drift > 0 else 'faster'} than the robot’s (true rate "
+        f"{scaled(true_hz, 1, 3, 'frames/s', true_se_hz)}); usual clocks agree within 0.01 %",
         f"without this correction, video and log would part by {milliseconds(abs(fit.drift) * lasted_s)} "
         "during the "
         "motion; it has been corrected in this fit, and the rate is known only as well as the line above "
         "says",
-        "check the rate that the camera was set to and write it: camera.frame_rate_hz: "
-        f"{significant(true_hz, 4)}; "
-        "if it is right, the log’s time stamps are wrong",
+        "check the rate that the camera was set to and write it: "
+        f"camera.frame_rate_hz: {true}; if it is right, the log’s time stamps are wrong",
         "clocks",
-        f"set camera.frame_rate_hz: {significant(true_hz, 4)} and run again",
-        f"The frame rate by {source}, {significant(nominal_hz, 4)} frames/s, was wrong; all times were "
-        f"corrected to {scaled(true_hz, 1, 1, 'frames/s', true_se_hz)}, the rate by the hand’s motion.",
+        f"set camera.frame_rate_hz: {true} and run again",
+        f"The frame rate by {source}, {nominal} frames/s, was wrong; all times were "
+        f"corrected to {scaled(true_hz, 1, 3, 'frames/s', true_se_hz)}, the rate by the hand’s motion.",
     )
 
 
