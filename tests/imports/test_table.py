@@ -117,6 +117,8 @@ def test_a_last_number_that_was_cut_is_left_out(tmp_path):
     table = table_of(tmp_path, rows + "12,0.28")
     assert len(table.values) == 12
     assert "line 14, the last, was cut ('0.28' has fewer decimals" in table.notes[0]
+    for cut in ("142", "-142.", "0."):
+        assert len(table_of(tmp_path, rows + f"12,{cut}").values) == 12
     for whole in (*(rows + f"12,{last}" for last in ("0.28\n", "0.280000", "", "0", "1e-07", "nan")),):
         assert len(table_of(tmp_path, whole).values) == 13
 

@@ -58,7 +58,7 @@ class Cells:
         if len(last) == len(self.names):
             at = max((k for k, cell in enumerate(last) if cell), default=0)
             above = [_decimals(row[at]) for row in self.rows[:-1] if row[at : at + 1] > [""]]
-            if len(above) < ROWS_ABOVE or not 0 < _decimals(last[at]) < min(above):
+            if len(above) < ROWS_ABOVE or not _is_cut(last[at], min(above)):
                 return self, []
             cut = f"{_quoted(last[at])} has fewer decimals than all above"
         left_out = f"line {self.lines[-1]}, the last, was cut ({cut}) and is left out"
@@ -315,6 +315,15 @@ def _decimals(cell: str) -> int:
     """Return the digits after a number's point; 0 if it has none, or an exponent."""
     match = re.fullmatch(r"[+-]?\d*[.,](\d+)", cell)
     return len(match[1]) if match else 0
+
+
+def _is_cut(cell: str, fewest: int) -> bool:
+    """Return whether a number is cut after fewer decimals than all others have, or at its point or before it.
+
+    A zero may be written without decimals.
+    """
+    at_point = re.fullmatch(r"[+-]?(\d*[.,]|0*[1-9]\d*)", cell)
+    return fewest > 0 and (at_point is not None or 0 < _decimals(cell) < fewest)
 
 
 def _has_decimal_comma(cell: str) -> bool:
