@@ -235,13 +235,20 @@ class FittedString:
         pandas.DataFrame
             Columns member, time_s (since the motion's start, until 0.3 s after its end) [s], point (0: the
             hand), x_m, y_m, in space z_m [m]; NaN from where a simulation diverged.
+
+        Raises
+        ------
+        StrandcastError
+            SC-X004 the motion is of other joints than the arm's; otherwise as the readers of files.
         """
         import pandas as pd
 
         played = motion if isinstance(motion, Motion) else Motion.read(motion)
-        task, fitted = next_inputs(
-            self.context, load_arm(self.context.arm_file), self._file("ensemble.parquet")
-        )
+        arm = load_arm(self.context.arm_file)
+        if tuple(played.joint_names) != arm.joints:
+            what = f"are {played.joint_names}, the arm's are {list(arm.joints)}"
+            raise StrandcastError("SC-X004", what, field="joint_names")
+        task, fitted = next_inputs(self.context, arm, self._file("ensemble.parquet"))
         strings = fitted.first(members)
         trajectory = played.trajectory().resampled(task.step_s)
         time_s, q_rad, last = commands([trajectory], task.step_s)

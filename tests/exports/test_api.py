@@ -53,6 +53,8 @@ def test_simulate_repeats_the_planners_prediction(project, trial) -> None:
     assert np.abs(simulated - predicted).max() < 0.2 * np.abs(commanded - predicted).max()
     assert path.attrs["units"]["x_m"] == "m"
     assert len(trial.estimate.simulate(motion, members=2)) == 2 * len(path)
+    with pytest.raises(StrandcastError, match="SC-X004"):
+        trial.estimate.simulate(motion.model_copy(update={"joint_names": motion.joint_names[::-1]}))
 
 
 def test_tables_have_units_and_the_track_its_points(trial) -> None:
