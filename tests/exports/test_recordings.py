@@ -48,6 +48,11 @@ def test_csv_holds_the_tables_and_both_clocks(trial, tmp_path) -> None:
     assert (joints["q_joint_2_rad"] == trial.joints["q_joint_2_rad"]).all()
 
 
+def test_csv_of_a_trial_that_does_not_exist_is_refused(project, tmp_path) -> None:
+    with pytest.raises(StrandcastError, match="SC-W030"):
+        export_csv(strandcast.open(project)["small"].trial(9), tmp_path / "out")
+
+
 def test_dataset_is_one_of_lerobot_with_both_clocks(project, throw, tmp_path) -> None:
     frames = export_dataset(strandcast.open(project)["small"], tmp_path / "set")
     info = json.loads((tmp_path / "set" / "meta" / "info.json").read_text())
