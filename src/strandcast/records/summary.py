@@ -32,6 +32,9 @@ class TrialSummary(Part):
     unread: dict[str, str] = {}  # results that could not be read -> why
 
 
+TRIAL_COLUMNS = [name for name in TrialSummary.model_fields if name != "unread"]  # single values, for a table
+
+
 def too_near(throw: Verdict | TrialSummary, hit_radius_m: float) -> bool:
     """Return whether a miss is within two standard deviations of the hit radius; unknown ones count as 0."""
     return throw.miss_m is not None and abs(throw.miss_m - hit_radius_m) < 2 * (throw.miss_sigma_m or 0.0)

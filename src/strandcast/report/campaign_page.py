@@ -3,11 +3,9 @@
 from collections import Counter
 from collections.abc import Iterator
 from typing import Any, NamedTuple
-from urllib.parse import quote
 
 from markupsafe import Markup
 
-from strandcast.core.trial_names import trial_name
 from strandcast.records.summary import VersionGroup, group_by_versions
 from strandcast.report.campaign import (
     BEYOND_PREDICTION,
@@ -140,11 +138,6 @@ def _badge(tally: CampaignTally) -> Badge:
     )
 
 
-def _named_link(experiment: str, trial: int) -> Markup:
-    page = f"{quote(experiment)}/{trial_name(trial)}/report.html"
-    return Markup('<a href="{}">{}, trial {}</a>').format(page, experiment, trial)
-
-
 def _troubles(campaign: Campaign) -> Iterator[Trouble]:
     """Yield what failed or is unknown, experiments first."""
     unknown = VERDICTS["unknown"]
@@ -158,7 +151,7 @@ def _troubles(campaign: Campaign) -> Iterator[Trouble]:
             if line.unread or (line.hit is None and each.aimed):
                 why = "; ".join(f"{file}: {reason}" for file, reason in line.unread.items())
                 badge = line_badge(line, each.hit_radius_m) if line.hit is not None else unknown
-                yield Trouble(_named_link(each.name, line.trial), badge, why or "no verdict")
+                yield Trouble(page_link(each.name, line.trial, named=True), badge, why or "no verdict")
         for trial in each.waiting:
             where = Markup("{}").format(f"{each.name}, trial {trial.trial}")
             failed = trial.failure is not None
@@ -199,7 +192,8 @@ def _outliers(campaign: Campaign) -> PanelContent:
     found = campaign.outliers()
     throws = sum(each.throw is not None for each in campaign.trials())
     rows = [
-        [_named_link(each.experiment, each.trial), "; ".join(each.reasons)] for each in found[:MOST_OUTLIERS]
+        [page_link(each.experiment, each.trial, named=True), "; ".join(each.reasons)]
+        for each in found[:MOST_OUTLIERS]
     ]
     named = "" if len(found) <= MOST_OUTLIERS else f" The worst {MOST_OUTLIERS} are named here."
     return PanelContent(

@@ -6,7 +6,7 @@ from urllib.parse import quote
 from markupsafe import Markup
 
 from strandcast.core.trial_names import trial_name
-from strandcast.records.summary import TrialSummary, too_near
+from strandcast.records.summary import TRIAL_COLUMNS, TrialSummary, too_near
 from strandcast.report.campaign import RIG_QUANTITIES, Campaign, CampaignThrow
 from strandcast.report.numbers import UNKNOWN, signed
 from strandcast.report.pages import csv_link
@@ -35,12 +35,13 @@ class CampaignRow(NamedTuple):
     remark: str
 
 
-def page_link(experiment: str, trial: int | None = None) -> Markup:
-    """Return a link to the page of an experiment or of one of its trials."""
+def page_link(experiment: str, trial: int | None = None, *, named: bool = False) -> Markup:
+    """Return a link to the page of an experiment or of one of its trials; `named` shows both of them."""
     if trial is None:
         return Markup('<a href="{}/report.html">{}</a>').format(quote(experiment), experiment)
     page = f"{quote(experiment)}/{trial_name(trial)}/report.html"
-    return Markup('<a href="{}" aria-label="{}">{}</a>').format(page, f"{experiment}, trial {trial}", trial)
+    name = f"{experiment}, trial {trial}"
+    return Markup('<a href="{}" aria-label="{}">{}</a>').format(page, name, name if named else trial)
 
 
 def line_badge(line: TrialSummary, hit_radius_m: float) -> Badge:
@@ -100,9 +101,8 @@ def _number(value: float | None, factor: float, digits: int, sigma: float | None
 
 def trials_csv(campaign: Campaign) -> Markup:
     """Return the table of trials as CSV, with the names and units of the summaries."""
-    names = [name for name in TrialSummary.model_fields if name != "unread"]
     rows = [
-        [each.experiment, each.throw, *(getattr(each.line, name) for name in names)]
+        [each.experiment, each.throw, *(getattr(each.line, name) for name in TRIAL_COLUMNS)]
         for each in campaign.trials()
     ]
-    return csv_link(rows, ["experiment", "throw", *names], "campaign")
+    return csv_link(rows, ["experiment", "throw", *TRIAL_COLUMNS], "campaign")

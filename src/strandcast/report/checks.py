@@ -20,7 +20,7 @@ from strandcast.report.causes import (
     slipped,
 )
 from strandcast.report.measures import fitted_rows
-from strandcast.report.numbers import millimetres, milliseconds, percent, scaled
+from strandcast.report.numbers import fine_millimetres, millimetres, milliseconds, percent, scaled
 from strandcast.report.results import FILES, TrialResults
 from strandcast.report.rig_limits import (
     LEAST_MARKER_FRACTION,
@@ -36,7 +36,6 @@ STATES = FAIL, WARN, NOT_RUN, PASS = "FAIL", "WARN", "NOT RUN", "PASS"  # the gr
 MISS, PREDICTION, NEXT_THROW = NUMBERS = "the miss", "the predicted miss", "the next throw"
 OF_A_CAPTURE = {MISS: "the measured motion", NEXT_THROW: "the fit"}
 NEXT_MOTION = "next motion"
-FINE = partial(millimetres, digits=2)
 LEAST_ROOM_M = 0.01  # chosen: throws of one motion differ by millimetres
 
 
@@ -326,8 +325,8 @@ LIGHT, HARDER = "more light, shorter exposure, larger markers", "clamp the strin
 LENS = _at_most("camera", "lens.rms_px", MOST_LENS_RMS_PX, "{:.3f} px".format, " px rms")
 PLANE = _at_most("camera", "plane_rms_px", MOST_PLANE_RMS_PX, "{:.3f} px".format, " px rms")
 OFFSET = _at_most("alignment", "offset_se_s", 0.002, lambda s: f"± {milliseconds(s)}", " s (standard error)")
-SIGMA = _at_most("track_summary", "median_sigma_m", 0.003, FINE, " m (median σ)")
-HAND = _at_most("alignment", "residual_rms_m", 0.005, FINE, " m rms")
+SIGMA = _at_most("track_summary", "median_sigma_m", 0.003, fine_millimetres, " m (median σ)")
+HAND = _at_most("alignment", "residual_rms_m", 0.005, fine_millimetres, " m rms")
 
 CHECKS = [
     Check(MISS, "video: frames decoded", _frames, severity=FAIL),

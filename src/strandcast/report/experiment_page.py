@@ -10,7 +10,7 @@ from markupsafe import Markup
 from PIL import Image
 
 from strandcast.records.estimate import UNDER_PREVIOUS, Estimate
-from strandcast.records.summary import ExperimentSummary, TrialSummary
+from strandcast.records.summary import TRIAL_COLUMNS, ExperimentSummary, TrialSummary
 from strandcast.records.verdict import Verdict
 from strandcast.report.facts import Facts
 from strandcast.report.first_screen import doubts, first_figures, next_step, readable_motion
@@ -76,8 +76,9 @@ def experiment_page(
 
 def _csv(summary: ExperimentSummary) -> Markup:
     """Return the trials' numbers as a CSV file, in the units of the files."""
-    names = [name for name in TrialSummary.model_fields if name != "unread"]
-    return csv_link([[getattr(line, name) for name in names] for line in summary.trials], names, "trials")
+    return csv_link(
+        [[getattr(line, name) for name in TRIAL_COLUMNS] for line in summary.trials], TRIAL_COLUMNS, "trials"
+    )
 
 
 def _badge(summary: ExperimentSummary, *, uncertain: bool) -> Badge:

@@ -2,6 +2,7 @@
 
 import math
 import re
+from functools import partial
 
 UNKNOWN = "–"
 MINUS = "−"
@@ -29,6 +30,9 @@ def scaled(value: float | None, scale: float, digits: int, unit: str, sigma: flo
 def millimetres(value_m: float | None, sigma_m: float | None = None, digits: int = 1) -> str:
     """Return a length in millimetres."""
     return scaled(value_m, 1e3, digits, "mm", sigma_m)
+
+
+fine_millimetres = partial(millimetres, digits=2)
 
 
 def milliseconds(value_s: float | None, sigma_s: float | None = None, digits: int = 2) -> str:

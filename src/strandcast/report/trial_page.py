@@ -11,7 +11,7 @@ from strandcast.report.checks import PASS, STATES, run_checks
 from strandcast.report.facts import Facts
 from strandcast.report.first_screen import doubts, first_figures, next_step, readable_motion
 from strandcast.report.measures import best_guess_m, fit_window
-from strandcast.report.numbers import UNKNOWN, millimetres, milliseconds, percent
+from strandcast.report.numbers import UNKNOWN, fine_millimetres, millimetres, milliseconds, percent
 from strandcast.report.pages import render
 from strandcast.report.panels.content import make_sections, without_lead
 from strandcast.report.panels.page_data import TrialPageData
@@ -96,10 +96,6 @@ def _key_figures(results: TrialResults) -> list[tuple[str, str]]:
     return figures
 
 
-def _fine(length_m: float | None) -> str:
-    return millimetres(length_m, digits=2)
-
-
 def _log_sha(manifest: Manifest) -> str:
     return UNKNOWN if manifest.joint_log is None else manifest.joint_log.sha256[:16] + "…"
 
@@ -109,10 +105,10 @@ KEY_FIGURES: tuple[tuple[str, str, Callable[[Any], str]], ...] = (
     ("miss", "verdict", lambda v: millimetres(v.miss_m, v.miss_sigma_m)),
     ("measured from", "verdict", missed_from),
     ("hit radius", "verdict", lambda v: millimetres(v.hit_radius_m)),
-    ("E, with the parameters that planned it", "estimate", lambda e: _fine(e.E_planned_m)),
-    ("E, after the fit", "estimate", lambda e: _fine(e.E_m)),
-    ("rms distance, fit", "estimate", lambda e: _fine(e.rmse_m)),
-    ("mean distance of the tip, fit", "estimate", lambda e: _fine(e.tip_error_m)),
+    ("E, with the parameters that planned it", "estimate", lambda e: fine_millimetres(e.E_planned_m)),
+    ("E, after the fit", "estimate", lambda e: fine_millimetres(e.E_m)),
+    ("rms distance, fit", "estimate", lambda e: fine_millimetres(e.rmse_m)),
+    ("mean distance of the tip, fit", "estimate", lambda e: fine_millimetres(e.tip_error_m)),
     ("points tracked", "track_summary", lambda t: percent(t.tracked_fraction)),
     (
         "frames / expected",
@@ -126,7 +122,11 @@ KEY_FIGURES: tuple[tuple[str, str, Callable[[Any], str]], ...] = (
     ("joint log, sha256", "manifest", _log_sha),
 )
 CAPTURE_FIGURES = (
-    ("E, predicted from the trials before", "estimate", lambda e: _fine(e.held_out_m(UNDER_PREVIOUS))),
-    ("E, better guess without a model", "estimate", lambda e: _fine(best_guess_m(e))),
+    (
+        "E, predicted from the trials before",
+        "estimate",
+        lambda e: fine_millimetres(e.held_out_m(UNDER_PREVIOUS)),
+    ),
+    ("E, better guess without a model", "estimate", lambda e: fine_millimetres(best_guess_m(e))),
     *KEY_FIGURES[4:],
 )
