@@ -1,1 +1,1 @@
-"""The files between the stages: schemas, atomic writing, verified reading, migrations, provenance."""
+"""The files between the stages: schemas, atomic writing, verified reading, provenance."""

@@ -3,7 +3,7 @@
 import hashlib
 import json
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -39,8 +39,6 @@ class TableSpec:
     version: int = 1
     open_ended: bool = False  # it may have further float columns, with their units in their names
     optional: dict[str, Column] = field(default_factory=dict)
-    # Version -> function that turns a table of that version into one of the next version.
-    migrations: Mapping[int, Callable[[pa.Table], pa.Table]] = field(default_factory=dict)
 
 
 ARROW_TYPES = {"f8": pa.float64(), "i4": pa.int32(), "i8": pa.int64(), "str": pa.string()}
@@ -224,13 +222,10 @@ def read_arrow(path: str | Path, spec: TableSpec) -> pa.Table:
     if schema != spec.schema:
         what = f"is {schema!r}, expected {spec.schema!r}"
         raise refusal("SC-R002", path, "schema", what)
-    steps = range(int(version), spec.version) if version.isdecimal() else range(0)
-    if version != str(spec.version) and not (steps and all(step in spec.migrations for step in steps)):
+    if version != str(spec.version):
         what = f"is {version!r}; this strandcast reads {spec.version}"
         raise refusal("SC-R003", path, "version", what)
     verify_content(path, table)
-    for step in steps:
-        table = spec.migrations[step](table)
     given = {name: column for name, column in spec.optional.items() if name in table.column_names}
     for name, column in (spec.columns | given).items():
         if name not in table.column_names or table.schema.field(name).type != ARROW_TYPES[column.dtype]:
