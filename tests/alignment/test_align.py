@@ -136,6 +136,14 @@ def test_one_noisy_marker_does_not_spoil_the_other(throw, fit, error_s):
     assert any("marker 41 is" in warning and "times as noisy" in warning for warning in found.warnings)
 
 
+def test_a_marker_that_is_seen_only_briefly_does_not_spoil_the_other(throw, fit, error_s):
+    trial = throw(5)
+    frame = trial.markers["frame"]
+    kept = (trial.markers["marker"] == 40) | ((frame >= 440) & (frame < 470))
+    found = fit(trial, markers={name: column[kept] for name, column in trial.markers.items()})
+    assert abs(error_s(found, trial)) < 4 * found.middle_se_s
+
+
 def test_a_misread_marker_is_left_out_and_reported(throw, fit, error_s):
     trial = throw(5, faults=Faults(misread=0.0))
     markers = {name: column.copy() for name, column in trial.markers.items()}

@@ -92,14 +92,16 @@ def shape_change_m(rig: Rig, rows: LogRows, detections: Detections, offset_s: fl
     for marker in np.unique(moving.marker):
         robot_s = moving.time_s[moving.marker == marker] + offset_s
         path_m = marker_path_m(rig, rows.q_rad, marker)
+        both = []
         for later_s in (-shift_s, shift_s):
             moved = [
                 np.interp(robot_s + later_s, rows.time_s, axis) - np.interp(robot_s, rows.time_s, axis)
                 for axis in path_m.T
             ]
             change = np.stack(moved, axis=1)
-            changes.append(float(np.median(np.linalg.norm(change - np.median(change, axis=0), axis=1))))
-    return min(changes)
+            both.append(float(np.median(np.linalg.norm(change - np.median(change, axis=0), axis=1))))
+        changes.append(min(both))
+    return max(changes)  # a marker that was seen only briefly does not count against another
 
 
 def _best_apart(rms: np.ndarray, most: int = 4) -> np.ndarray:
