@@ -144,6 +144,19 @@ def test_a_marker_that_is_seen_only_briefly_does_not_spoil_the_other(throw, fit,
     assert abs(error_s(found, trial)) < 4 * found.middle_se_s
 
 
+def test_a_throw_that_fills_one_percent_of_a_film_is_seen(throw, fit):
+    trial, rest, frames = throw(5), {}, 22500
+    first = [0, np.argmax(trial.markers["marker"] == 41)]
+    for name, column in trial.markers.items():
+        rest[name] = np.concatenate([np.tile(column[first], frames), column])
+    rest["camera_time_s"][: 2 * frames] = np.repeat(np.arange(frames) / 500.0, 2)
+    rest["camera_time_s"][2 * frames :] += 45.0
+    found = fit(trial, markers=rest, settings=AlignSettings(largest_offset_s=60.0))
+    robot_s = float(found.robot_time_s(np.array(found.middle_camera_time_s)))
+    off_s = robot_s - trial.robot_s(found.middle_camera_time_s - 45.0)
+    assert abs(off_s) < 4 * found.middle_se_s
+
+
 def test_a_misread_marker_is_left_out_and_reported(throw, fit, error_s):
     trial = throw(5, faults=Faults(misread=0.0))
     markers = {name: column.copy() for name, column in trial.markers.items()}

@@ -196,4 +196,4 @@ def _refuse_mistakes(best: Candidate, data: AlignmentData, priors: Priors) -> No
 
 
 def _fastest_hand(detections: Detections) -> FastestPoint:
-    return FastestPoint("the hand's", float(np.quantile(detections.speed_m_s(), 0.98)))
+    return FastestPoint("the hand's", detections.top_speed_m_s())

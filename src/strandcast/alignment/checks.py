@@ -44,8 +44,7 @@ def no_motion_error(
     detections: Detections, rows: LogRows, arm: PlanarArm, file: str | None
 ) -> StrandcastError | None:
     """Return the refusal of a throw without motion in the video, in the log, or in both."""
-    markers = np.unique(detections.marker)
-    video_m = max(_travel_m(detections.where(detections.marker == marker)) for marker in markers)
+    video_m = detections.travel_m()
     log_m = hand_travel_m(rows, arm) if len(rows.time_s) >= LEAST_DETECTIONS else 0.0
     if min(video_m, log_m) >= LEAST_TRAVEL_M:
         return None
@@ -74,11 +73,6 @@ def no_motion_error(
     )
 
 
-def _travel_m(detections: Detections) -> float:
-    low, high = np.quantile(detections.pose.position_m, (0.02, 0.98), axis=0)
-    return float(np.linalg.norm(high - low))
-
-
 def no_overlap_error(file: str | None) -> StrandcastError:
     """Return the refusal of a video that lies outside the log's time."""
     return StrandcastError(
@@ -91,7 +85,7 @@ def no_overlap_error(file: str | None) -> StrandcastError:
 def refuse_truncated_log(data: AlignmentData, offset_s: float) -> None:
     """Refuse a log that begins or ends in mid-throw while the video shows the rest (SC-A007)."""
     rows, robot_s, speed = data.rows, data.detections.time_s + offset_s, data.detections.speed_m_s()
-    fast = speed > MOVES * float(np.quantile(speed, 0.98))
+    fast = speed > MOVES * data.detections.top_speed_m_s()
     unlogged = fast & ((robot_s < rows.time_s[0]) | (robot_s > rows.time_s[-1]))
     times = np.unique(robot_s[unlogged])
     if len(times) > 1 and np.ptp(times) > LONGEST_UNLOGGED_S:

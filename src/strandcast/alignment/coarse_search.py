@@ -87,7 +87,7 @@ def shape_change_m(rig: Rig, rows: LogRows, detections: Detections, offset_s: fl
     the millimetre: only the change besides one common displacement determines the offset.
     """
     speed = detections.speed_m_s()
-    moving = detections.where(speed >= MOVES * np.quantile(speed, 0.98))
+    moving = detections.where(speed >= MOVES * detections.top_speed_m_s())
     changes = []
     for marker in np.unique(moving.marker):
         robot_s = moving.time_s[moving.marker == marker] + offset_s

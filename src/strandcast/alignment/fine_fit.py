@@ -156,12 +156,12 @@ def fit_clock(problem: ClockProblem) -> ClockFit:
 def robust_fit(problem: ClockProblem) -> RobustFit:
     """Fit the clocks without their uncertainty."""
     rig, detections = problem.rig, problem.detections
-    markers, speed = len(rig.place_m), detections.speed_m_s()
+    markers = len(rig.place_m)
     x, nominal = problem.expected.copy(), _nominal_sigma(rig, detections)
     sigma = scale = nominal * 5.0
     for _ in range(ROUNDS):
         x = _minimise(problem, x, sigma)
-        scale = _noise_scales(problem.residual(x) / nominal, detections.marker, speed, markers)
+        scale = _noise_scales(problem.residual(x) / nominal, detections, markers)
         sigma = nominal * scale
     return RobustFit(x, sigma, _scale_by_marker(scale, detections.marker, markers))
 
@@ -178,7 +178,7 @@ def moving_rms_m(residual: np.ndarray, detections: Detections, outlier: np.ndarr
     `MOST_OUTLIERS` of the detections are left out: a fit that rejects more is wrong itself.
     """
     speed = detections.speed_m_s()
-    moving = speed >= 0.2 * np.quantile(speed, 0.98)
+    moving = speed >= 0.2 * detections.top_speed_m_s()
     left_out = min(max(0.05, float(outlier[moving].mean())), MOST_OUTLIERS)
     square = np.sort((residual[moving, :2] ** 2).sum(axis=1))
     return float(np.sqrt(square[: max(1, int((1.0 - left_out) * len(square)))].mean()))
@@ -190,16 +190,17 @@ def _nominal_sigma(rig: Rig, detections: Detections) -> np.ndarray:
     return np.column_stack([sigma_m, sigma_m, np.sqrt(2.0) * sigma_m / rig.size_m[detections.marker]])
 
 
-def _noise_scales(off: np.ndarray, marker: np.ndarray, speed: np.ndarray, markers: int) -> np.ndarray:
+def _noise_scales(off: np.ndarray, detections: Detections, markers: int) -> np.ndarray:
     """Return the noise over its nominal size (m, 3): by marker, for position and angle, with the speed.
 
     Blur and late rows cause errors that grow with the speed: by the noise at rest, all frames in motion would
     be outliers.
     """
     scale = np.ones(off.shape)
-    fast = speed > 0.3 * np.quantile(speed, 0.98)
+    speed = detections.speed_m_s()
+    fast = speed > 0.3 * detections.top_speed_m_s()
     for index in range(markers):
-        mine = marker == index
+        mine = detections.marker == index
         for columns in (slice(0, 2), slice(2, 3)):
             still, moving = (_median_scale(off[mine & some, columns]) for some in (~fast, fast))
             more = max(moving**2 - still**2, 0.0)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -58,17 +59,36 @@ class Detections:
         """Return the same detections on a camera clock that runs `ratio` times as fast."""
         return Detections(self.time_s * ratio, self.marker, self.pose, self.sigma_m)
 
+    def travel_m(self) -> float:
+        """Return how far the marker that moves most does [m], unaffected by single misread ones."""
+        return max(float(np.linalg.norm(np.ptp(path_m, axis=0))) for _, path_m in self._paths_m())
+
     def speed_m_s(self) -> np.ndarray:
         """Return the speed of each marker (m,) [m/s], unaffected by single misread markers."""
         speed = np.zeros(len(self.time_s))
+        for mine, path_m in self._paths_m():
+            if len(mine) > 1:
+                speed[mine] = np.linalg.norm(np.gradient(path_m, self.time_s[mine], axis=0), axis=1)
+        return speed
+
+    def top_speed_m_s(self) -> float:
+        """Return the greatest speed of the hand [m/s], however short its motion is among rest."""
+        speed = self.speed_m_s()
+        # Runs of misread markers pass the median of the positions, hardly that of the speeds.
+        most = max(_median_filter(speed[self.marker == marker]).max() for marker in np.unique(self.marker))
+        return float(np.quantile(speed[speed >= 0.1 * most], 0.98))
+
+    def _paths_m(self) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+        """Yield of each detected marker the detections' indices, and its positions without outliers."""
         for marker in np.unique(self.marker):
             mine = np.flatnonzero(self.marker == marker)
-            if len(mine) > 1:
-                smooth_m = scipy.ndimage.median_filter(
-                    self.pose.position_m[mine], (MEDIAN, 1), mode="nearest"
-                )
-                speed[mine] = np.linalg.norm(np.gradient(smooth_m, self.time_s[mine], axis=0), axis=1)
-        return speed
+            yield mine, _median_filter(self.pose.position_m[mine])
+
+
+def _median_filter(values: np.ndarray) -> np.ndarray:
+    """Return running medians along the first axis."""
+    size = (MEDIAN,) + (1,) * (values.ndim - 1)
+    return np.asarray(scipy.ndimage.median_filter(values, size, mode="nearest"))
 
 
 @dataclass(frozen=True, eq=False)
