@@ -217,6 +217,15 @@ def test_a_motion_that_repeats_itself(good, refusal, fit, rows):
     assert near.offset_s == pytest.approx(fit(good).offset_s, abs=1e-5)
 
 
+def test_the_largest_offset_counts_from_the_first_frame(good, refusal, fit):
+    later = {**good.markers, "camera_time_s": good.markers["camera_time_s"] + 1.0}
+    apart_s = good.log.time_s[0] - (good.offset_s - 1.0)
+    found = refusal(good, markers=later, settings=AlignSettings(largest_offset_s=apart_s - 0.05))
+    assert (found.code, found.field) == ("SC-A007", "align.largest_offset_s")
+    assert f"the recordings start {apart_s:.2f} s apart" in found.what
+    assert fit(good, markers=later, settings=AlignSettings(largest_offset_s=apart_s + 0.05)).warnings == []
+
+
 @pytest.fixture(scope="module")
 def even(arm, motion):
     """A hand that moves 0.3 m/s along one line, its direction kept, but for the first and last 50 ms."""

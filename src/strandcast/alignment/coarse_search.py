@@ -45,10 +45,9 @@ class AlignmentData:
         least, greatest = log_s[0] - video_s[-1], log_s[-1] - video_s[0]
         if self.largest_offset_s is None:
             return float(least), float(greatest)
-        same_start = log_s[0] - video_s[0]
-        return float(max(least, same_start - self.largest_offset_s)), float(
-            min(greatest, same_start + self.largest_offset_s)
-        )
+        # Camera time 0 is the film's first frame, whenever the hand is first seen.
+        low, high = np.clip(log_s[0] + self.largest_offset_s * np.array([-1.0, 1.0]), least, greatest)
+        return float(low), float(high)
 
 
 def candidate_offsets(

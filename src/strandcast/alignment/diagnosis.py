@@ -61,7 +61,7 @@ def diagnose(data: AlignmentData, residual_m: float) -> StrandcastError:
     off = f"the hand in the video stays {residual_m * 1e3:.1f} mm rms from where this log puts it"
     most_m = min(EXPLAINS_M, EXPLAINS_SHARE * residual_m)
     found = [(_remaining_m(hypothesis), hypothesis) for hypothesis in _hypotheses(data)]
-    found += _frame_rate(data)
+    found += [*_frame_rate(data), *_later_start(data)]
     best_m, best = min(found, key=lambda pair: pair[0])
     if best_m < most_m:
         return StrandcastError(
@@ -217,6 +217,18 @@ def _frame_rate(data: AlignmentData) -> list[tuple[float, Hypothesis]]:
     what, fix = rate_words(data.detections, ratio * (1.0 + drift))
     hypothesis = Hypothesis("SC-V017", what, fix, "camera.frame_rate_hz", data)
     return [(fitted.residual_m, hypothesis)]
+
+
+def _later_start(data: AlignmentData) -> list[tuple[float, Hypothesis]]:
+    """Return the best offset beyond the largest one and its residual [m]; empty if there is none."""
+    free = replace(data, largest_offset_s=None)
+    if free.offset_window() == data.offset_window():
+        return []
+    apart_s = abs(float(candidate_offsets(free)[0][0]) - data.rows.time_s[0])
+    what = f"the recordings start {apart_s:.2f} s apart, more than align.largest_offset_s"
+    fix = "raise align.largest_offset_s if they do, or use the log that was written during this video"
+    hypothesis = Hypothesis("SC-A007", what, fix, "align.largest_offset_s", free)
+    return [(_remaining_m(hypothesis), hypothesis)]
 
 
 def _wrong_zero_or_length(data: AlignmentData) -> tuple[float, str] | None:
