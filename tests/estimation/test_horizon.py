@@ -2,6 +2,7 @@
 
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 from strandcast.config.estimate import EstimateSettings
@@ -51,3 +52,12 @@ def test_the_last_frame(
 def test_the_size_of_the_target_decides_what_may_touch_it(radius_m: float | None, until_s: float) -> None:
     settings = EstimateSettings(contact_radius_m=radius_m)
     assert past_trials.until_s(trial(2.55, 0.03), settings) == pytest.approx(until_s)
+
+
+def test_a_log_is_smoothed_near_its_motion_only() -> None:
+    """The memory that it takes grows with the square of the rows."""
+    time_s = np.arange(50.0, 62.0, 0.01)
+    log = SimpleNamespace(time_s=time_s, joint_names=["a"], q_rad=np.sin(time_s)[:, None])
+    since_s, q_rad = past_trials.smooth_joints(log, ["a"], (55.0, 56.0), 55.0)
+    assert (since_s[0], since_s[-1]) == pytest.approx((-1.0, 2.3), abs=0.011)
+    np.testing.assert_allclose(q_rad[:, 0], np.sin(since_s + 55.0), atol=1e-4)

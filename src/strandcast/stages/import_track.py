@@ -69,7 +69,7 @@ def _thrown(context: Context, trial: int) -> tuple[float, ThrownBy]:
         what = f"the log has no {', '.join(missing)}, which the arm's file moves"
         fix = f"name its joints, from the base on: {command} --replace --joint NAME …"
         raise refusal("SC-I056", record, "joint_names", what, fix)
-    time_s, q_rad = smooth_joints(log, arm.joints)
-    poses = arm.hand_path(q_rad)
     motion_s = played.motion_start_s, played.motion_end_s
+    time_s, q_rad = smooth_joints(log, arm.joints, motion_s)
+    poses = arm.hand_path(q_rad)
     return free_length_m(context, arm.clamp.clamped_length_m), ThrownBy(time_s, poses, motion_s)

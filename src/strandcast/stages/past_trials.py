@@ -29,6 +29,7 @@ from strandcast.scoring.score import tracked_shortfall
 from strandcast.stages.context import Context, free_length_m
 from strandcast.stages.job import Files
 
+REST_S = 1.0  # of rest about a motion that its joints' smoothing includes; chosen
 SAME_PASS_S = 0.1  # a planned hit and a closest approach this near belong to the same pass of the tip; chosen
 
 
@@ -77,8 +78,11 @@ def read_trial(files: Files, number: int) -> Trial:
         hand_time_s, hand_pose = read_hand_in_space(files.input("hand", number))
     else:
         hand_time_s, hand = read_hand(files.input("hand", number), "measured")
-        # The rows' noise would shake the simulated strings.
-        hand_pose = without_row_noise(hand_time_s, hand.array()) if log else hand.array()
+        hand_pose = hand.array()
+        if log:  # the rows' noise would shake the simulated strings
+            near = _near_motion(hand_time_s, alignment.motion_start_s, alignment.motion_end_s)
+            hand_time_s = hand_time_s[near]
+            hand_pose = without_row_noise(hand_time_s, hand_pose[near])
     return Trial(
         number,
         summary,
@@ -94,15 +98,22 @@ def read_trial(files: Files, number: int) -> Trial:
 
 
 def smooth_joints(
-    log: JointLog, joints: Sequence[str], start_s: float = 0.0
+    log: JointLog, joints: Sequence[str], motion_s: tuple[float, float], start_s: float = 0.0
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return rising times (R,) since `start_s` [s], and angles (R, J) [rad] of a log without its rows' noise.
 
+    Rows far from the motion, which lasts `motion_s` by the log's clock [s], are left out.
     The noise would shake simulated strings, and no track shows what it does to them.
     """
     columns = [log.joint_names.index(name) for name in joints]
     time_s, rows = np.unique(log.time_s - start_s, return_index=True)
-    return time_s, without_row_noise(time_s, log.q_rad[rows][:, columns])
+    near = _near_motion(log.time_s[rows], *motion_s)
+    return time_s[near], without_row_noise(time_s[near], log.q_rad[rows[near]][:, columns])
+
+
+def _near_motion(time_s: np.ndarray, start_s: float, end_s: float) -> np.ndarray:
+    """Return which instants (R,) count for a motion: smoothing takes memory by the square of their number."""
+    return np.asarray((time_s >= start_s - REST_S) & (time_s <= end_s + AFTER_MOTION_S + REST_S))
 
 
 def until_s(trial: Trial, settings: EstimateSettings) -> float:

@@ -186,12 +186,14 @@ def rehearsal_of(files: Files, task: PlanningTask) -> PastTrial | None:
     if tuple(motion.joint_names) != tuple(arm.joints) or not set(arm.joints) <= set(log.joint_names):
         raise _no_rehearsal(record, f"its joints are not those of the arm: {', '.join(arm.joints)}")
     _refuse_rehearsal_for_another(record.with_name("motion.json"), motion, task)
-    time_s, q_rad = smooth_joints(log, arm.joints, run.motion_start_s)
-    planned = motion.trajectory()
-    during = (time_s >= 0.0) & (time_s <= planned.end_s)
-    if during.sum() < FEWEST_ROWS or time_s[0] > MISSING_S or time_s[-1] < planned.end_s - MISSING_S:
-        span = f"{during.sum()} rows from {time_s[0]:.2f} to {time_s[-1]:.2f} s"
+    planned, start_s = motion.trajectory(), run.motion_start_s
+    since_s = np.unique(log.time_s - start_s)
+    rows = ((since_s >= 0.0) & (since_s <= planned.end_s)).sum()
+    if rows < FEWEST_ROWS or since_s[0] > MISSING_S or since_s[-1] < planned.end_s - MISSING_S:
+        span = f"{rows} rows from {since_s[0]:.2f} to {since_s[-1]:.2f} s"
         raise _no_rehearsal(record, f"the log has {span} of a motion from 0 to {planned.end_s:.2f} s")
+    time_s, q_rad = smooth_joints(log, arm.joints, (start_s, start_s + planned.end_s), start_s)
+    during = (time_s >= 0.0) & (time_s <= planned.end_s)
     off_rad = q_rad[during] - resampled(time_s[during], planned.time_s, planned.q_rad)
     rms_rad = float(np.sqrt(np.mean(off_rad**2)))
     if rms_rad > FARTHEST_RAD:
@@ -227,7 +229,9 @@ def measured_of(trial: Trial, hit_radius_m: float) -> Measured:
     if log is None:  # a supplied track: the joints are taken to have followed the commands
         time_s, q_rad = motion.trajectory().time_s, motion.trajectory().q_rad
     else:
-        time_s, q_rad = smooth_joints(log, motion.joint_names, start_s)
+        time_s, q_rad = smooth_joints(
+            log, motion.joint_names, (start_s, trial.alignment.motion_end_s), start_s
+        )
     nearest = trial.shortfall(hit_radius_m)
     frame_s = trial.frame_time_s - start_s
     return Measured(
