@@ -1,5 +1,6 @@
 """What an arm's file states wrongly is found from trials of known truth; where nothing is, nothing."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -237,7 +238,10 @@ def test_where_the_string_leaves_the_hand_is_compared_too(arm: PlanarArm) -> Non
     assert across.state == "wrong"
     np.testing.assert_allclose(across.value, 0.005)
     assert 0.0003 < across.sd < 0.0010  # three grasps that differ by 0.2 mm, expected: 1 mm
-    assert "clamp.offset_m[1] in planar3.toml is 0.0000, by the video 0.0050" in across.fix
+    assert "clamp.offset_m in planar3.toml is [0.0000, 0.0000], by the video [0.0000, 0.0050]" in across.fix
+    turned = replace(arm, clamp=arm.clamp.model_copy(update={"angle_rad": np.pi / 2}))
+    across = described(turned, StringInClamp(left_m, error_m, None, 0.03)).numbers[-1]
+    assert "by the video [-0.0050, 0.0000]; then add -5.0 mm to place_m" in across.fix
     # Three grasps differ by 3 degrees each.
     assert direction.state == "right"
     np.testing.assert_allclose(direction.sd, 0.034, atol=2e-3)

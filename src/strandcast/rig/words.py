@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from strandcast.arm.load import PlanarArm
+from strandcast.core.pose import rotated
 from strandcast.records.estimate import RigOffset, RigOffsets
 from strandcast.records.record import ARM_FILE, RigFault
 from strandcast.rig.model import SURE_SD
@@ -150,7 +151,9 @@ def _of_string(arm: PlanarArm, string: StringInClamp) -> list[RigOffset]:
         # The tracker's errors are alike where motions are: more trials do not average them out.
         sd_m = float(np.sqrt(scatter_m**2 / known.sum() + float(np.mean(error_m**2))))
         value_m = float(left_m.mean())
-        stated_m = arm.clamp.offset_m[1]
+        stated_m = np.array(arm.clamp.offset_m)
+        # The hand is turned by the clamp's angle from the last link, along which the clamp's place counts.
+        seen_m = stated_m + rotated(np.array([0.0, value_m]), np.array(arm.clamp.angle_rad))
         side = "left" if value_m > 0 else "right"
         found.append(
             _number(
@@ -160,9 +163,8 @@ def _of_string(arm: PlanarArm, string: StringInClamp) -> list[RigOffset]:
                 abs(value_m),
                 f"the string leaves the hand {_size(value_m, sd_m, angle=False)} to the {side} of where its "
                 "markers put the clamp",
-                f"measure it; clamp.offset_m[1] in {toml} is {stated_m:.4f}, by the video "
-                f"{stated_m + value_m:.4f}; then add {-1e3 * value_m:+.1f} mm to place_m of markers.hand, "
-                "across",
+                f"measure it; clamp.offset_m in {toml} is {_pair(stated_m)}, by the video {_pair(seen_m)}; "
+                f"then add {-1e3 * value_m:+.1f} mm to place_m of markers.hand, across",
             )
         )
     if string.direction_rad is not None and known.sum() > 1:
@@ -181,6 +183,10 @@ def _of_string(arm: PlanarArm, string: StringInClamp) -> list[RigOffset]:
             )
         )
     return found
+
+
+def _pair(place_m: np.ndarray) -> str:
+    return "[{:.4f}, {:.4f}]".format(*place_m)
 
 
 def _number(
