@@ -96,6 +96,13 @@ def test_a_flash_of_something_else_has_no_counterpart(trial, fit, flash):
     assert f"{flash[0]} at {flash[1]:.4f} s" in warning
 
 
+def test_a_bouncing_relay_does_not_pair_one_switching_twice(trial, fit):
+    on, off = switched(trial)
+    again = on.model_copy(update={"time_s": on.time_s + 2e-4})
+    found = fit(trial, **with_led(trial, *both(), recorded=[on, again, off]))
+    assert [check.camera_time_s for check in found.sync_events] == list(LIT_S)
+
+
 def test_another_light_alone_is_left_out(trial, fit):
     alone = fit(trial)
     found = fit(trial, **with_led(trial, ("led_on", 0.3), ("led_off", 0.5)))

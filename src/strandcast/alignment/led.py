@@ -168,21 +168,22 @@ def _matches(led: _Switchings) -> list[Match]:
 
 
 def _agreeing(led: _Switchings, match: Match) -> list[Match]:
-    """Return the pairs with the same time since a given pair on both clocks."""
+    """Return the pairs with the same time since a given pair on both clocks, each switching once."""
     first, first_robot = led.video[match[0]], led.robot[match[1]]
-    found = []
+    near = []
     for b, other in enumerate(led.robot):
-        offs = []
         for a, event in enumerate(led.video):
             since_s = event.camera_time_s - first.camera_time_s
             off_s = abs(other.time_s - first_robot.time_s - since_s)
             parts = (event.sigma_s, first.sigma_s, other.sigma_s, first_robot.sigma_s, LEAST_SIGMA_S)
             within_s = CONTRADICTION * float(np.linalg.norm(parts)) + FASTEST_DRIFT * abs(since_s)
             if event.kind == other.kind and off_s <= within_s:
-                offs.append((off_s, a))
-        if offs:
-            found.append((min(offs)[1], b))
-    return found
+                near.append((off_s, a, b))
+    found: dict[int, int] = {}
+    for _, a, b in sorted(near):
+        if a not in found and b not in found.values():
+            found[a] = b
+    return sorted(found.items(), key=lambda pair: pair[1])
 
 
 def _agrees_with_motion(led: _Switchings, matches: list[Match]) -> bool:
