@@ -103,3 +103,18 @@ def test_without_motion_an_event_alone_gives_the_offset(throw, fit, motion):
     assert found.middle_se_s == pytest.approx(5e-4, rel=0.01)
     assert abs(float(found.robot_time_s(np.array(0.3))) - trial.robot_s(0.3)) < 1e-6
     assert "rests on 1 sync event" in found.warnings[0]
+
+
+@pytest.mark.parametrize(
+    ("in_log", "what"),
+    [
+        ((("led_on", 5.0), ("led_on", 7.0), ("led_off", 7.2)), "has several counterparts"),
+        ((("led_on", 5.0), ("led_off", 7.2)), "from the clock by all 2 events"),
+    ],
+)
+def test_events_alone_that_do_not_agree_are_refused(throw, fit, motion, in_log, what):
+    trial = throw(2, motion=motion(lambda t: np.tile(STILL, (len(t), 1))))
+    recorded = [SyncEvent(kind=kind, time_s=time_s) for kind, time_s in in_log]
+    in_both = [in_video("led_on", 1.0, 1e-3).sync_events[0], in_video("led_off", 1.2, 1e-3).sync_events[0]]
+    with pytest.raises(StrandcastError, match=f"SC-A018.*{what}"):
+        fit(trial, settings=AlignSettings(sync_events=in_both), sync_events=recorded)

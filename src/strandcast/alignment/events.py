@@ -78,7 +78,8 @@ def pair_events(
     pairs = []
     for event in video:
         alike = [other for other in robot if event.kind in (other.kind, "any")]
-        if not alike or (fit is None and len(alike) > len(video)):
+        rivals = [other for other in video if event.kind in (other.kind, "any")]
+        if not alike or (fit is None and len(alike) > len(rivals)):
             raise _no_counterpart(event, robot, "several" if alike else "no", file)
         if fit is None:
             ranks = sorted(other.camera_time_s for other in video if other.kind == event.kind)

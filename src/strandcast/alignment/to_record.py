@@ -6,9 +6,10 @@ from typing import NamedTuple
 import numpy as np
 
 from strandcast.alignment.checks import NORMAL
-from strandcast.alignment.events import clock_of_events
+from strandcast.alignment.events import CONTRADICTION, clock_of_events
 from strandcast.alignment.fine_fit import Candidate, ClockFit
 from strandcast.alignment.problem import EventPair, Priors
+from strandcast.errors import StrandcastError
 from strandcast.records.alignment import Alignment, HandMarkerFit, SyncCheck
 from strandcast.rig.faults import rig_faults
 from strandcast.rig.model import Rig
@@ -90,9 +91,22 @@ def _marker_fit(best: Candidate, name: int, index: int) -> HandMarkerFit:
 
 
 def record_of_events(events: list[EventPair], priors: Priors, heading: Heading) -> Alignment:
-    """Return the record of an alignment by sync events alone: the hand does not move."""
+    """Return the record of an alignment by sync events alone: the hand does not move.
+
+    SC-A018: the events contradict each other.
+    """
     found, covariance, middle_s = clock_of_events(events, priors.known_drift, priors.drift)
     offset_s = float(found[0] - (1.0 + found[1]) * middle_s)
+    for event in events:
+        off_s = event.robot_s - offset_s - (1.0 + found[1]) * event.camera_s
+        if abs(off_s) > CONTRADICTION * event.sigma_s:
+            raise StrandcastError(
+                "SC-A018",
+                f"the sync event at {event.camera_s:.4f} s is {off_s * 1e3:+.2f} ms "
+                f"(± {event.sigma_s * 1e3:.2f}) from the clock by all {len(events)} events",
+                field="align.sync_events",
+                cost=f"one of the clocks is wrong by {abs(off_s) * 1e3:.1f} ms",
+            )
     back = np.array([1.0, -middle_s])
     se_s = float(np.sqrt(back @ covariance @ back))
     half_ms = NORMAL * float(np.sqrt(covariance[0, 0])) * 1e3
