@@ -111,7 +111,7 @@ def test_one_joint_with_a_wrong_zero_is_named_and_no_other(throw, fit):
     q_rad[:, 1] -= 0.03
     found = fit(trial, log=dataclasses.replace(trial.log, q_rad=q_rad))
     assert found.joint_zero_rad == pytest.approx([0.0, 0.03, 0.0], abs=0.004)
-    assert any("the zero of joint 2 is off by +" in text for text in found.warnings)
+    assert any("the zero of joint_2 is off by +" in text for text in found.warnings)
 
 
 def test_drift_beyond_100_ppm_is_flagged(throw, fit):

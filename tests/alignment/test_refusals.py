@@ -12,7 +12,8 @@ from strandcast.alignment.frame_rate import rate_words
 from strandcast.arm.kinematics import hand_pose
 from strandcast.config.align import AlignSettings
 from strandcast.errors import StrandcastError
-from strandcast.rig.model import Detections
+from strandcast.rig.faults import rig_faults
+from strandcast.rig.model import Detections, RigError, RigPriors, rig_of
 from strandcast_studies.evidence.clock_trials import Faults
 
 STILL = np.array([0.8, 0.5, 0.2])
@@ -196,6 +197,21 @@ def test_a_video_that_misses_the_throw(good, refusal):
 def test_too_few_detections(good, refusal):
     found = refusal(good, markers={name: column[:5] for name, column in good.markers.items()})
     assert found.code == "SC-A004"
+
+
+def test_a_log_with_few_rows(good, refusal, rows):
+    found = refusal(good, log=rows(good.log, np.linspace(0, len(good.log.time_s) - 1, 17).astype(int)))
+    assert found.what == "the log has 17 rows, at least 20 are needed"
+
+
+def test_faults_name_the_joint_and_the_number_to_correct(arm):
+    rig = rig_of(arm)
+    error = dataclasses.replace(
+        RigError.none(rig), zero_rad=np.array([0.0, 0.02, 0.0]), turn_rad=np.array([0.0, 0.2])
+    )
+    zero, turn = rig_faults(error, rig, RigPriors())
+    assert zero.what.startswith("the zero of joint_2 is off by +20.0 mrad")
+    assert turn.fix.startswith("measure angle_rad of markers.hand")
 
 
 def test_a_log_without_the_joints(good, refusal):

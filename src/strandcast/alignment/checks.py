@@ -63,6 +63,14 @@ def no_motion_error(
             cost=NO_CLOCK,
             fix="the video begins after the throw or ends before it: use the one that shows it",
         )
+    if len(rows.time_s) < LEAST_DETECTIONS:
+        return StrandcastError(
+            "SC-A007",
+            f"the log has {len(rows.time_s)} rows, at least {LEAST_DETECTIONS} are needed",
+            file=file,
+            cost=NO_CLOCK,
+            fix="copy the whole log of this throw, and log at 50 Hz or more",
+        )
     return StrandcastError(
         "SC-A007",
         f"the joints do not move in the log ({len(rows.time_s)} rows, "

@@ -53,7 +53,7 @@ def rig_faults(error: RigError, rig: Rig, priors: RigPriors) -> list[RigFault]:
         (
             float(np.abs(zero_rad[joint])),
             priors.joint_zero_rad,
-            f"the zero of joint {joint + 1} is off by {zero_rad[joint] * 1e3:+.1f} mrad"
+            f"the zero of {rig.joints[joint]} is off by {zero_rad[joint] * 1e3:+.1f} mrad"
             f"{', or the world is rotated' if joint == 0 else ''} "
             f"({abs(zero_rad[joint]) * reach_m * 1e3:.1f} mm at the hand)",
             ARM,
@@ -61,7 +61,7 @@ def rig_faults(error: RigError, rig: Rig, priors: RigPriors) -> list[RigFault]:
         (
             float(np.abs(longer_m[link])),
             priors.link_length_m,
-            f"the link after joint {link + 1} is {longer_m[link] * 1e3:+.1f} mm longer than in the "
+            f"the link after {rig.joints[link]} is {longer_m[link] * 1e3:+.1f} mm longer than in the "
             "arm's file",
             ARM,
         ),
@@ -80,7 +80,12 @@ def rig_faults(error: RigError, rig: Rig, priors: RigPriors) -> list[RigFault]:
                 f"marker {name} sits {shift_m * 1e3:.1f} mm from its place",
                 HAND,
             ),
-            (abs(turn_rad), priors.marker_turn_rad, f"marker {name} is turned by {turn_rad:+.3f} rad", HAND),
+            (
+                abs(turn_rad),
+                priors.marker_turn_rad,
+                f"marker {name} is turned by {turn_rad:+.3f} rad",
+                HAND._replace(fix="measure angle_rad of markers.hand in the arm's file"),
+            ),
         ]
     return [
         RigFault(what=words, cost=place.cost, fix=place.fix, field=place.field)

@@ -20,8 +20,12 @@ MEDIAN = 5  # detections of a marker; chosen, removes single misread ones
 
 @dataclass(frozen=True, eq=False)
 class Rig:
-    """The arm's chain and its K hand markers: id, place (K, 2) [m], turn (K,) [rad] in the hand's frame."""
+    """The arm's chain, its moving joints' names, and the K hand markers.
 
+    These are given by id, place (K, 2) [m] and turn (K,) [rad] in the hand's frame.
+    """
+
+    joints: tuple[str, ...]
     chain: PlanarChain
     clamp: Clamp
     ids: tuple[int, ...]
@@ -181,6 +185,7 @@ def rig_of(arm: PlanarArm) -> Rig:
             fix="put an ArUco marker on the hand and write its id, size and place into the arm's file",
         )
     return Rig(
+        arm.joints,
         arm.chain,
         arm.clamp,
         tuple(marker.id for marker in arm.markers),
