@@ -12,7 +12,7 @@ from strandcast.alignment.frame_rate import rate_words
 from strandcast.arm.kinematics import hand_pose
 from strandcast.config.align import AlignSettings
 from strandcast.errors import StrandcastError
-from strandcast.rig.faults import rig_faults
+from strandcast.rig.faults import refuse_wrong_dimensions, rig_faults
 from strandcast.rig.model import Detections, RigError, RigPriors, rig_of
 from strandcast_studies.evidence.clock_trials import Faults
 
@@ -119,6 +119,15 @@ def test_an_arms_file_with_a_wrong_clamp(good, refusal, arm, clamp, number):
     found = refusal(good, on=wrong)
     assert found.code == "SC-A015"
     assert re.search(number, found.what)
+
+
+def test_a_last_link_adds_to_the_markers_in_the_hands_frame(arm):
+    """The clamp points back along the link."""
+    rig = rig_of(dataclasses.replace(arm, clamp=arm.clamp.model_copy(update={"angle_rad": np.pi})))
+    longer, back_m = np.array([0.0, 0.0, 0.008]), np.array([[-0.008, 0.0]] * 2)
+    error = dataclasses.replace(RigError.none(rig), length_m=longer, shift_m=back_m)
+    with pytest.raises(StrandcastError, match=r"SC-A015.*\n.*wrong by 16 mm"):
+        refuse_wrong_dimensions(error, np.ones(len(error.vector())), rig, arm.joints, None)
 
 
 def test_a_log_cut_before_the_throw(good, refusal, rows):

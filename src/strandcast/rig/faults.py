@@ -112,7 +112,7 @@ def refuse_wrong_dimensions(
     """
     joints = len(names)
     inner_m, inner_se_m = error.length_m[:-1], se[5 + joints : 5 + 2 * joints - 1]
-    hand_m = error.mean_hand_shift_m()
+    hand_m = error.hand_shift_m(rig.clamp).mean(axis=0)
     wrong_m = float(
         max(
             np.abs(inner_m * (np.abs(inner_m) > SURE_SD * inner_se_m)).max(initial=0.0),
@@ -144,7 +144,8 @@ def zero_words(names: tuple[str, ...], joint: int, zero_rad: float) -> str:
 def length_words(rig: Rig, names: tuple[str, ...], error: RigError) -> str:
     """Return which length is most wrong, in words."""
     inner_m = error.length_m[:-1]
-    if len(inner_m) and np.abs(inner_m).max() > np.linalg.norm(error.mean_hand_shift_m()):
+    hand_m = error.hand_shift_m(rig.clamp).mean(axis=0)
+    if len(inner_m) and np.abs(inner_m).max() > np.linalg.norm(hand_m):
         inner = int(np.argmax(np.abs(inner_m)))
         nominal_m = rig.chain.lengths_m[inner]
         return (
@@ -161,7 +162,7 @@ def clamp_words(rig: Rig, error: RigError) -> str:
     turned on the hand stay in their places.
     """
     usual, clamp, turn_rad = RigPriors(), rig.clamp, error.turn_rad.mean()
-    shift_m = error.shift_m + rotated(np.array([[error.length_m[-1], 0.0]]), np.array(-clamp.angle_rad))
+    shift_m = error.hand_shift_m(clamp)
     about_clamp_m = rotated(rig.place_m, turn_rad) - rig.place_m
     words = []
     if abs(turn_rad) > SURE_SD * usual.marker_turn_rad:

@@ -137,12 +137,13 @@ class RigError:
         parts = (self.base_m, self.stretch, self.zero_rad, self.length_m, self.shift_m.ravel(), self.turn_rad)
         return np.concatenate(parts)
 
-    def mean_hand_shift_m(self) -> np.ndarray:
-        """Return the mean displacement (2,) of the markers along and across the last link [m].
+    def hand_shift_m(self, clamp: Clamp) -> np.ndarray:
+        """Return the displacement (K, 2) of the markers in the hand's frame [m].
 
         The last link's length, the clamp and the markers' places cannot be separated along the link.
         """
-        return np.asarray(self.shift_m.mean(axis=0) + np.array([self.length_m[-1], 0.0]))
+        link_m = rotated(np.array([self.length_m[-1], 0.0]), np.array(-clamp.angle_rad))
+        return np.asarray(self.shift_m + link_m)
 
 
 @dataclass(frozen=True)
