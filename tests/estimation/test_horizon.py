@@ -7,6 +7,7 @@ import pytest
 
 from strandcast.config.estimate import EstimateSettings
 from strandcast.core.objectives import PointObjective
+from strandcast.records.joint_log import JointLog
 from strandcast.stages import past_trials
 
 START_S, END_S, EXPECTED_S = 2.0, 2.9, 0.6
@@ -57,7 +58,8 @@ def test_the_size_of_the_target_decides_what_may_touch_it(radius_m: float | None
 def test_a_log_is_smoothed_near_its_motion_only() -> None:
     """The memory that it takes grows with the square of the rows."""
     time_s = np.arange(50.0, 62.0, 0.01)
-    log = SimpleNamespace(time_s=time_s, joint_names=["a"], q_rad=np.sin(time_s)[:, None])
+    none = np.zeros((len(time_s), 1))
+    log = JointLog(["a"], time_s, np.sin(time_s)[:, None], none, none, none, none[:, 0], none[:, 0])
     since_s, q_rad = past_trials.smooth_joints(log, ["a"], (55.0, 56.0), 55.0)
     assert (since_s[0], since_s[-1]) == pytest.approx((-1.0, 2.3), abs=0.011)
     np.testing.assert_allclose(q_rad[:, 0], np.sin(since_s + 55.0), atol=1e-4)

@@ -10,6 +10,7 @@ import pytest
 from strandcast.arm.kinematics import hand_pose
 from strandcast.arm.load import PlanarArm, load_arm
 from strandcast.core.strings import CLAMP_OFFSET
+from strandcast.records.joint_log import JointLog
 from strandcast.stages.rig_offsets import rig_offsets_of
 
 STEP_S = 0.002
@@ -36,11 +37,8 @@ def trial(arm: PlanarArm, number: int, longer_m: float, *, logged: bool = True) 
     time_s[450] = time_s[449]  # a frame twice
     noisy = q_rad + 3e-4 * random.standard_normal(q_rad.shape)
     rows = np.append(np.arange(600), 599)  # the last one twice
-    log = SimpleNamespace(
-        time_s=np.arange(600)[rows] * STEP_S + 5.0,
-        q_rad=noisy[rows][:, ::-1],
-        joint_names=list(arm.joints[::-1]),
-    )
+    names, log_s, none = list(arm.joints[::-1]), np.arange(600)[rows] * STEP_S + 5.0, np.zeros((601, 3))
+    log = JointLog(names, log_s, noisy[rows][:, ::-1], none, none, none, log_s, none[:, 0])
     return SimpleNamespace(
         number=number,
         frame_time_s=time_s + 5.0,

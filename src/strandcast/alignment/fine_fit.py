@@ -43,8 +43,8 @@ class ClockFit:
         (m,) detections that were left out.
     noise_scale
         (K, 2) noise of each marker's position and angle over its nominal standard error.
-    slow_m, slow_rad
-        Size of slowly changing errors.
+    slow_m
+        Size of slowly changing errors of position.
     """
 
     middle_camera_s: float
@@ -62,7 +62,6 @@ class ClockFit:
     outlier: np.ndarray
     noise_scale: np.ndarray
     slow_m: float
-    slow_rad: float
 
     def offset_s(self) -> float:
         """Return the offset at camera time zero."""
@@ -149,7 +148,6 @@ def fit_clock(problem: ClockProblem) -> ClockFit:
         outlier=outlier,
         noise_scale=robust.noise_scale,
         slow_m=found.slow_m,
-        slow_rad=found.slow_rad,
     )
 
 

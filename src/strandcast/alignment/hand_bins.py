@@ -26,8 +26,6 @@ class Binned:
         (3 b, r) the part of the offset's derivatives that the noise of each of the log's values feigns.
     path_m
         (b,) path length at which each bin lies.
-    lever_m
-        Lever by which angles are multiplied.
     """
 
     off: np.ndarray
@@ -35,7 +33,6 @@ class Binned:
     noise: np.ndarray
     spurious: np.ndarray
     path_m: np.ndarray
-    lever_m: float
 
 
 def bin_hand(
@@ -72,7 +69,6 @@ def bin_hand(
         problem.path.covariance(by_joint, robot_s, sums) + np.diag(single),
         problem.scales[0] * problem.path.spurious_motion(by_joint, robot_s, sums),
         share @ path_m,
-        lever_m,
     )
     rigid_slope = np.zeros((frames, *slopes.shape[1:]))
     np.add.at(rigid_slope, frame, slopes)

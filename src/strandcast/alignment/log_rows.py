@@ -67,7 +67,6 @@ def log_rows_of(log: JointLog, arm: PlanarArm, file: str | None = None) -> LogRo
             f"the joint log has no {', '.join(missing)}; it has {', '.join(log.joint_names)}",
             file=file,
         )
-    columns = [log.joint_names.index(name) for name in arm.joints]
     unsorted = int((log.time_s < np.maximum.accumulate(log.time_s)).sum())
     if unsorted > MOST_OUT_OF_ORDER * len(log.time_s):
         raise StrandcastError(
@@ -78,8 +77,8 @@ def log_rows_of(log: JointLog, arm: PlanarArm, file: str | None = None) -> LogRo
             cost="the time of each row is not known",
             fix="log the controller's own clock, and write the rows in the order of time",
         )
-    time_s, first = np.unique(log.time_s, return_index=True)
-    return LogRows(time_s, log.q_rad[first][:, columns], unsorted, len(log.time_s) - len(time_s))
+    time_s, q_rad = log.in_order(arm.joints)
+    return LogRows(time_s, q_rad, unsorted, len(log.time_s) - len(time_s))
 
 
 def motion_span(rows: LogRows) -> tuple[float, float]:

@@ -29,8 +29,8 @@ class Refined:
         The offset's standard error if the rig's constants were known less well.
     true_share
         Share of the information on the offset that comes from motion, not from the log's noise.
-    slow_m, slow_rad
-        Size of slow errors of position and angle.
+    slow_m
+        Size of slow errors of position.
     """
 
     x: np.ndarray
@@ -38,7 +38,6 @@ class Refined:
     unaided_se: float
     true_share: float
     slow_m: float
-    slow_rad: float
 
 
 def refine(problem: ClockProblem, x: np.ndarray, sigma: np.ndarray) -> Refined:
@@ -77,14 +76,12 @@ def refine(problem: ClockProblem, x: np.ndarray, sigma: np.ndarray) -> Refined:
     loose = np.diag(problem.prior(WIDER)) + more_slope.T @ more_slope
     unaided = restricted(binned, best, loose, expected)[2]
     unaided = unaided / _true_share(binned, best, loose, unaided)
-    slow_m, slow_turn, _ = np.exp(best)
     return Refined(
         x + step,
         covariance,
         float(np.sqrt(unaided[0, 0])),
         share,
-        slow_m,
-        slow_turn / binned.lever_m,
+        float(np.exp(best[0])),
     )
 
 

@@ -2,6 +2,7 @@
 
 import csv
 import io
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import ClassVar
@@ -36,6 +37,14 @@ class JointLog:
     since_start_s: np.ndarray
     flags: np.ndarray
     host_time_ns: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+
+    def in_order(self, names: Sequence[str]) -> tuple[np.ndarray, np.ndarray]:
+        """Return strictly rising times (R,) [s] and the angles (R, J) [rad] of these joints.
+
+        Of rows at one time the first counts. ValueError: the log has no joint of that name.
+        """
+        time_s, rows = np.unique(self.time_s, return_index=True)
+        return time_s, self.q_rad[rows][:, [self.joint_names.index(name) for name in names]]
 
     def blocks(self) -> list[np.ndarray]:
         """Return commanded and measured positions and speeds, each (T, J), in the order of the file."""

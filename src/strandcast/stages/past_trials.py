@@ -105,10 +105,10 @@ def smooth_joints(
     Rows far from the motion, which lasts `motion_s` by the log's clock [s], are left out.
     The noise would shake simulated strings, and no track shows what it does to them.
     """
-    columns = [log.joint_names.index(name) for name in joints]
-    time_s, rows = np.unique(log.time_s - start_s, return_index=True)
-    near = _near_motion(log.time_s[rows], *motion_s)
-    return time_s[near], without_row_noise(time_s[near], log.q_rad[rows[near]][:, columns])
+    time_s, q_rad = log.in_order(joints)
+    near = _near_motion(time_s, *motion_s)
+    since_s = time_s[near] - start_s
+    return since_s, without_row_noise(since_s, q_rad[near])
 
 
 def _near_motion(time_s: np.ndarray, start_s: float, end_s: float) -> np.ndarray:

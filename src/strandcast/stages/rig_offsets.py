@@ -49,11 +49,10 @@ def _hand_seen(arm: PlanarArm, trial: Trial) -> HandSeen | None:
     known = np.isfinite(hand_m).all(axis=1)
     known &= (trial.frame_time_s >= log.time_s[0]) & (trial.frame_time_s <= log.time_s[-1])
     known &= np.diff(trial.frame_time_s, prepend=-np.inf) > 0.0
-    time_s, columns = trial.frame_time_s[known], [log.joint_names.index(name) for name in arm.joints]
-    log_s, rows = np.unique(log.time_s, return_index=True)
+    time_s, (log_s, q_rad) = trial.frame_time_s[known], log.in_order(arm.joints)
     if len(time_s) < LEAST_FRAMES or ((log_s >= time_s[0]) & (log_s <= time_s[-1])).sum() < LEAST_FRAMES:
         return None
-    path = joint_path(log_s, log.q_rad[rows][:, columns], (float(time_s[0]), float(time_s[-1])))
+    path = joint_path(log_s, q_rad, (float(time_s[0]), float(time_s[-1])))
     return HandSeen(trial.number, time_s, hand_m[known], path.at(time_s))
 
 
