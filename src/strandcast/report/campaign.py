@@ -75,14 +75,10 @@ class CampaignExperiment:
         return "unknown" if known == "no hit" and self.waiting else known
 
     def has_hit_by(self, throw: int) -> bool | None:
-        """Return whether one of the first throws hit; None if one that is unknown comes before the hit.
-
-        None, too, if none is seen to hit and a tip was not seen.
-        """
+        """Return whether one of the first throws hit; None if one that is unknown comes before the hit."""
         throws = self.throws
         decisive = next((line.hit for line in throws[:throw] if line.hit is not False), False)
         lacking = any(len(throws) < throw or each.trial < throws[throw - 1].trial for each in self.waiting)
-        lacking = lacking or any(line.miss_m is None for line in throws[:throw])
         if self.summary is None or decisive is None:
             return None
         return True if decisive else None if lacking else False

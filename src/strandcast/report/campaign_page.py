@@ -98,7 +98,7 @@ def _counted_throws(campaign: Campaign, tally: CampaignTally) -> Iterator[str]:
     if tally.excluded:
         were = "was excluded, with a reason" if tally.excluded == 1 else "were excluded, with reasons"
         text += f"; {counted(tally.excluded, 'trial')} {were}"
-    unknown = sum(each.is_unknown or each.line.miss_m is None for each in throws)
+    unknown = sum(each.is_unknown for each in throws)
     text += f"; the outcome of {counted(unknown, 'throw')} is unknown" if unknown else ""
     radii = {each.hit_radius_m for each in throws}
     limits = " or ".join(map(millimetres, sorted(radii))) + (" (by experiment)" if len(radii) > 1 else "")

@@ -98,8 +98,7 @@ def _headline(summary: ExperimentSummary, *, uncertain: bool) -> str:
     trials = counted(len(summary.trials), "trial")
     trials += f", {excluded} of them excluded" if excluded else ""
     if summary.verdict == "unknown":
-        why = "results could not be read" if summary.all_unread() else "it was not always seen"
-        return f"Whether the tip hit the target is unknown: {why} ({trials})."
+        return f"Whether the tip hit the target is unknown: results could not be read ({trials})."
     if summary.target_m is None:
         fitted = [line.E_m for line in summary.counted() if line.E_m is not None]
         best = f", fitted to E {millimetres(min(fitted))}" if fitted else ", none of them fitted yet"

@@ -32,8 +32,6 @@ def summarise(
     next_sha256, unread = _hash_of(next_motion)
     counted = [line for line in lines if line.excluded is None]
     decisive = next((line for line in counted if line.hit or line.hit is None), None)
-    if decisive is None:  # a later hit stands, but no throw that was not seen is known to have missed
-        decisive = next((line for line in counted if line.miss_m is None), None)
     return ExperimentSummary(
         experiment=experiment,
         string_length_m=string_length_m,
