@@ -121,12 +121,13 @@ def test_readings_of_the_papers_method_are_fixed(tmp_path, caplog):
     assert not load_experiment(file).estimate.free_end
 
 
-def test_fix_writes_beside_a_title_with_other_ends_of_lines(tmp_path):
+@pytest.mark.parametrize("newline", ["\n", "\r", "\r\r\n"])
+def test_fix_counts_lines_as_yaml_does(tmp_path, newline):
     file = tmp_path / "e.yaml"
-    head = f'title: "one\u2028two"\n{HEAD}'
-    file.write_text(f"{head}plan: {{use_servo: true}}\n", encoding="utf-8")
+    head = f'title: "one\u2028two"\n{HEAD}'.replace("\n", newline)
+    file.write_bytes(f"{head}plan: {{use_servo: true}}{newline}".encode())
     assert fix_names(file) == 1
-    assert file.read_text(encoding="utf-8").startswith(head)
+    assert file.read_bytes().decode().startswith(head)
 
 
 @pytest.mark.parametrize(

@@ -93,6 +93,7 @@ def test_throws_of_a_dataset_share_one_rate_which_is_that_of_its_videos(trial, t
     rate_hz = common_rate_hz([throw, throw])
     with pytest.raises(StrandcastError, match="SC-E009"):
         common_rate_hz([throw, replace(throw, camera_time_s=throw.camera_time_s / 2)])
+    assert common_rate_hz([throw, replace(throw, camera_time_s=throw.camera_time_s * 1.0006)]) == rate_hz
     assert usable_video(trial, replace(throw, video=tmp_path / "GX01.MP4"), rate_hz) is not None
     assert usable_video(trial, throw, 8 * rate_hz) is None  # slow motion
 

@@ -137,13 +137,14 @@ def test_raw_files_may_be_copied_to_another_experiment_but_not_to_another_trial(
 
 def test_a_users_own_json_among_the_raw_files_is_not_a_damaged_record(demo):
     raw = demo.parents[1] / "data/demo/trial-01"
-    for name, content in (("notes", '{"camera": "Pixel 8", "fps": 240}'), ("list", "[1]")):
+    for name, content in (("notes", '{"camera": "Pixel 8", "gain": NaN}'), ("list", "[1]")):
         write_text(raw / f"{name}.json", content)
+        write_text(raw.with_name("rehearsal") / f"{name}.json", content)
     assert verify(demo.parents[1], "demo", raw=False) == []
-    write_text(raw / "notes.json", '{"schema": "strandcast.run", "fps": 240}')
+    write_text(raw / "run.json", "{}")
     write_text(demo / "trial-01/list.json", "[1]")
     states = [(found.file.name, found.state) for found in verify(demo.parents[1], "demo", raw=False)]
-    assert states == [("list.json", "damaged"), ("notes.json", "damaged")]
+    assert states == [("list.json", "damaged"), ("run.json", "damaged")]
 
 
 def test_results_that_were_copied_to_another_experiment_are_made_again(demo):

@@ -2,6 +2,7 @@
 
 import csv
 import io
+import itertools
 import re
 import shutil
 from pathlib import Path
@@ -86,10 +87,12 @@ def test_the_labs_offset_is_the_true_one(results: Path) -> None:
 def test_the_panels_measure_a_miss_from_what_was_aimed_at(results: Path, tmp_path: Path) -> None:
     folder = Path(shutil.copytree(results, tmp_path / "swing")) / "trial-03"
     verdict = Verdict.read(folder / "verdict.json")
-    verdict.model_copy(update={"wanted": "at least 5 m/s"}).write(folder / "verdict.json")
-    for panel in (strobe, strobe_picture):
+    for panel, hit in itertools.product((strobe, strobe_picture), (False, True)):
+        aimed = verdict.model_copy(update={"wanted": "at least 5 m/s", "hit": hit})
+        aimed.write(folder / "verdict.json")
         finding = panel(page_data(folder)).finding
-        assert f"he aim was missed by {millimetres(verdict.miss_m)}" in finding
+        words = "reached to within" if hit else "missed by"
+        assert f"he aim was {words} {millimetres(verdict.miss_m)}" in finding
         assert "from the target" not in finding
     assert verdict.closest_m is not None
     x, y = verdict.closest_m

@@ -121,7 +121,7 @@ def test_results_of_a_trial_without_its_raw_files_are_refused(root: Path) -> Non
     (root / "data/rig/trial-02").symlink_to(root / "not-mounted")
     with pytest.raises(StrandcastError, match="SC-W036") as caught:
         runnable(root, ["rig"])
-    assert "the results of trial 2 are there, and not the raw files" in str(caught.value)
+    assert "the results of trial 2 are there, and not its raw files" in str(caught.value)
     found = check_experiment(root, "rig")
     assert ("SC-W036", "trial-02") in {(each.code, Path(str(each.file)).name) for each in found.errors}
     assert "is a link to nothing" in {each.what for each in found.warnings}

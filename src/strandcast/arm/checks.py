@@ -8,7 +8,7 @@ from strandcast.arm.settings import AnyArmKeys, ArmKeys, SpatialArmKeys
 from strandcast.arm.urdf import JointLimit, massless
 
 Problem = tuple[str, str, str]  # field, what is wrong, fix
-TURN = 2.0 * np.pi  # the most that a joint without a range is held at [rad]
+TURNS = 4.0 * np.pi  # the most that a joint without a range is held at [rad]: degrees are more; chosen
 HELD_BEYOND = 1e-3  # of a range, by rounding [rad or m]; chosen
 
 
@@ -70,9 +70,9 @@ def number_problems(keys: AnyArmKeys, urdf: dict[str, JointLimit]) -> list[Probl
         found += _limit_problems(keys, name, urdf[name])
     for name, angle in keys.throw.held.items():
         low, high = urdf[name].lower_rad, urdf[name].upper_rad
-        low, high = -TURN if low is None else low, TURN if high is None else high
+        low, high = -TURNS if low is None else low, TURNS if high is None else high
         if not low - HELD_BEYOND <= angle <= high + HELD_BEYOND:
-            what = f"{angle:g} is outside of the joint's range from {low:g} to {high:g}"
+            what = f"{angle:g} is not within {low:g} and {high:g}"
             found.append((f"throw.held.{name}", what, "give its angle in rad (a sliding joint's in m)"))
     for axis, pair in keys.workspace.model_dump().items():
         if pair[0] >= pair[1]:
@@ -105,7 +105,7 @@ def _limit_problems(keys: AnyArmKeys, name: str, limit: JointLimit) -> list[Prob
         if value is not None and not value > 0.0
     ]
     room = 2.0 * keys.margins.position_rad
-    if limit.kind == "revolute" and not limit.upper_rad - limit.lower_rad > room:  # type: ignore[operator]
+    if None not in (limit.lower_rad, limit.upper_rad) and not limit.upper_rad - limit.lower_rad > room:  # type: ignore[operator]
         found.append((where, f"leaves no range within margins.position_rad = {room / 2}", "widen it"))
     return found
 

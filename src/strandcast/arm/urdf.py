@@ -2,6 +2,7 @@
 
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -25,7 +26,7 @@ PLACEHOLDER_KG = 1e-3  # chosen: lighter links are placeholders
 class JointLimit:
     """The URDF's limits of one joint that can move; None where it gives none.
 
-    A continuous joint has no range, whatever is written there. `follows` names the joint that it mimics.
+    `follows` names the joint that it mimics.
     """
 
     kind: str
@@ -52,14 +53,16 @@ def _limit(joint: ElementTree.Element, path: str | Path) -> JointLimit:
 
     def number(key: str) -> float | None:
         text = None if limit is None else limit.get(key)
-        try:
-            return None if text is None else float(text)
-        except ValueError:
-            where = f"joint {joint.get('name')!r}, limit {key}"
-            raise _refusal(path, f"{where}: {SHOWN.repr(text)} is not a number") from None
+        with suppress(ValueError):
+            value = None if text is None else float(text)
+            if value is None or not np.isnan(value):
+                return value
+        raise _refusal(path, f"joint {joint.get('name')!r}, limit {key}: {SHOWN.repr(text)} is not a number")
 
     kind, leader = str(joint.get("type")), joint.find("mimic")
-    lower, upper = (None, None) if kind == "continuous" else (number("lower"), number("upper"))
+    lower, upper = number("lower"), number("upper")
+    if kind == "continuous" and not (lower or 0.0) < (upper or 0.0):  # exporters write 0 and 0
+        lower = upper = None
     follows = None if leader is None else leader.get("joint")
     return JointLimit(kind, lower, upper, number("velocity"), number("effort"), follows)
 

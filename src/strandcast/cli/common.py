@@ -2,6 +2,7 @@
 
 import json
 import os
+import sys
 from collections.abc import Iterable, Iterator
 from typing import Annotated, Any
 
@@ -66,7 +67,9 @@ AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON object inst
 def show(as_json: bool, data: dict[str, Any], lines: Iterable[str]) -> None:
     """Print a command's result: one JSON object, or lines for a person."""
     if as_json:
-        print(json.dumps(data, default=os.fspath, ensure_ascii=False), flush=True)
+        # An 8-bit output would lose letters of names.
+        plain = (sys.stdout.encoding or "utf-8").lower() != "utf-8"
+        print(json.dumps(data, default=os.fspath, ensure_ascii=plain), flush=True)
     else:
         for line in lines:
             print(line)

@@ -39,9 +39,8 @@ def guarded(command: Callable[[], Any]) -> None:
     """Run a command; report a user's error as one message and an exit code, never as a traceback."""
     # Collections among the many objects of imports take 5 to 10 % of a short command.
     gc.set_threshold(50_000)
-    for stream in (sys.stdout, sys.stderr):  # an 8-bit locale has no …
-        if isinstance(stream, io.TextIOWrapper) and stream.encoding.lower() != "utf-8":
-            stream.reconfigure(errors="replace")
+    if isinstance(sys.stdout, io.TextIOWrapper) and sys.stdout.encoding.lower() != "utf-8":
+        sys.stdout.reconfigure(errors="replace")  # an 8-bit locale has no …
     configure_logging()
     for number in ENDING_SIGNALS:
         if signal.getsignal(number) is not signal.SIG_IGN:  # ignored by nohup, or as a job in the background

@@ -53,7 +53,8 @@ def _renaming(name: str, root: Path) -> str:
         return "rename its folder: " + shlex.join(
             ["mv", str(folder), str(folder.with_name(_valid_name(name)))]
         )
-    return "use up to 64 lower-case letters, digits and hyphens, e.g. `string-1`"
+    taken = "; `paper` and `paper-quick` are taken" if name.startswith("paper") else ""
+    return f"use up to 64 lower-case letters, digits and hyphens, e.g. `string-1`{taken}"
 
 
 def find_experiment(name: str, root: Path) -> Path:

@@ -1,6 +1,5 @@
 """Write the present names of settings into an experiment's file; every other line of it stays as it is."""
 
-import io
 import re
 from collections.abc import Sequence
 from pathlib import Path
@@ -41,7 +40,7 @@ def fix_names(path: Path) -> int:
 
 
 def _edited(text: str, changes: Sequence[Change]) -> str:
-    lines = list(io.StringIO(text))  # a title may hold other ends of lines
+    lines = re.findall(r"[^\r\n]*(?:\r\n|\r|\n)|[^\r\n]+$", text)  # as YAML counts them
     for change in sorted(changes, key=lambda change: (change.line, change.column), reverse=True):
         line = lines[change.line]
         old = re.compile(rf"['\"]?\w+['\"]?(\s*:[ \t]*){VALUE}").match(line, change.column)

@@ -79,8 +79,10 @@ def common_rate_hz(throws: list[ThrowData]) -> float:
     for throw, rate_hz in zip(throws, rates_hz, strict=True):
         if not is_same_rate(rate_hz, rates_hz[0]):
             what = f"{throws[0].name} has {rates_hz[0]:.6g} frames/s and {throw.name} {rate_hz:.6g}"
-            raise StrandcastError("SC-E009", f"a dataset has one frame rate, but {what}")
-    return rates_hz[0]
+            fix = "exclude the trials of other rates, or export them from an experiment of their own"
+            raise StrandcastError("SC-E009", f"a dataset has one frame rate, but {what}", fix=fix)
+    whole_hz = round(rates_hz[0])
+    return whole_hz if is_same_rate(rates_hz[0], whole_hz) else rates_hz[0]
 
 
 def usable_video(trial: TrialView, throw: ThrowData, rate_hz: float) -> VideoFacts | None:
@@ -96,14 +98,13 @@ def usable_video(trial: TrialView, throw: ThrowData, rate_hz: float) -> VideoFac
 
 
 def is_same_rate(rate_hz: float, other_hz: float) -> bool:
-    """Return whether two rates differ by less than a thousandth, up to which they are rounded."""
+    """Return whether two rates differ by less than a thousandth."""
     return abs(rate_hz / other_hz - 1.0) < 1e-3
 
 
 def _rate_hz(throw: ThrowData) -> float:
-    """Return the frame rate, whole where it is within a thousandth of a whole number."""
-    rate_hz = float((throw.frame[-1] - throw.frame[0]) / (throw.camera_time_s[-1] - throw.camera_time_s[0]))
-    return round(rate_hz) if is_same_rate(rate_hz, round(rate_hz)) else rate_hz
+    """Return the frame rate by the camera's time."""
+    return float((throw.frame[-1] - throw.frame[0]) / (throw.camera_time_s[-1] - throw.camera_time_s[0]))
 
 
 def _rows(throw: ThrowData, rate_hz: float, episode: int, start: int) -> dict[str, np.ndarray]:

@@ -161,7 +161,8 @@ def likeliest(task: PlanningTask, candidates: Sequence[Candidate]) -> PlannedMot
         try:
             plans.append(candidate())
         except StrandcastError as error:  # a limit is lower than when a motion like it was played
-            if error.code != "SC-P004" or (number == len(candidates) and not plans):
+            no_motion = error.field == "plan" or number == len(candidates)
+            if error.code != "SC-P004" or (no_motion and not plans):
                 raise
             print_line(f"plan: motion {number} is left out: {error.what}")
             continue

@@ -136,7 +136,7 @@ def place_of(path: str | Path) -> Place | None:
         if not raw and experiment.parent.name != "results":
             continue
         number = trial_number(inside.name) if inside is not None else 0
-        # A project may lie in another folder called results.
+        # What lies elsewhere in an experiment belongs to no project that a folder above may look like.
         if inside is not None and (inside.name == KEPT_MOTIONS or (raw and not number)):
             return None
         if not raw or number:

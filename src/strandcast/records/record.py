@@ -171,22 +171,17 @@ def content_of(data: Mapping[str, Any]) -> dict[str, Any]:
 
 def read_json(path: str | Path) -> dict[str, Any]:
     """Return the JSON object in a file, refusing NaN, infinity and anything but one object."""
-    data = read_json_value(path)
-    if not isinstance(data, dict):
-        raise refusal("SC-R001", path, None, "is not a JSON record (no object at its top)")
-    return data
-
-
-def read_json_value(path: str | Path) -> Any:
-    """Return the JSON value in a file, refusing NaN and infinity."""
     path = Path(path)
     if not path.is_file():  # reading a pipe would never end
         raise refusal("SC-R001", path, None, "the file is not there", how_to_make(path))
     try:
         with path.open("rb") as file:
-            return parse_json(file.read(MOST_BYTES + 1))
+            data = parse_json(file.read(MOST_BYTES + 1))
     except (ValueError, OverflowError, RecursionError) as error:
         raise refusal("SC-R001", path, None, f"is not a JSON record ({error})") from None
+    if not isinstance(data, dict):
+        raise refusal("SC-R001", path, None, "is not a JSON record (no object at its top)")
+    return data
 
 
 def parse_json(content: bytes) -> Any:

@@ -7,8 +7,11 @@ from typing import NamedTuple
 from strandcast.records.lineage import Lineage, place_of
 from strandcast.records.load import RECORDS, TABLES
 from strandcast.records.page import check_page
-from strandcast.records.record import read_json_value, verify_hash
+from strandcast.records.record import read_json, verify_hash
 from strandcast.records.tables import read_arrow, read_parquet, table_made_by, table_schema, verify_content
+
+# That stages and commands write among the raw files of a trial or a rehearsal.
+RAW_RECORDS = ("motion.json", "run.json", "track.json", "alignment.json")
 
 
 class Verified(NamedTuple):
@@ -19,13 +22,14 @@ class Verified(NamedTuple):
 
 
 def _verify_record(path: Path) -> Verified:
-    data, place = read_json_value(path), place_of(path)
-    head = data if isinstance(data, dict) else {}
-    if place is not None and place.raw and head.keys().isdisjoint(("schema", "content_sha256")):
+    place = place_of(path)
+    is_raw = path.parent.name == "rehearsal" if place is None else place.raw
+    if is_raw and path.name not in RAW_RECORDS:
         return Verified(None, {})  # a file of the user's own
-    kind = RECORDS.get(str(head.get("schema")))
+    data = read_json(path)
+    kind = RECORDS.get(str(data.get("schema")))
     if kind is None:
-        verify_hash(path, head)
+        verify_hash(path, data)
         return Verified(None, {})
     record = kind.read(path)
     return Verified(record.lineage, record.made_by)

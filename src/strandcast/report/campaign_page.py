@@ -111,7 +111,7 @@ def _counted_throws(campaign: Campaign, tally: CampaignTally) -> Iterator[str]:
         yield (
             f"By throw {last.throw}, {last.hits} of {counted(last.known, 'experiment')} had hit (95 % Wilson "
             f"interval {percent(last.low)} to {percent(last.high)}); those of unknown outcome are left out, "
-            "and those that stopped without a hit count as not hit."
+            "a tip that was not seen counts as a miss, and those that stopped without a hit count as not hit."
         )
     if tally.uncertain:
         yield (

@@ -243,9 +243,8 @@ def _wrong_clock(results: TrialResults) -> Iterator[Cause]:
     if fit.drift_se is None or abs(fit.drift) < max(WRONG_RATE, SIGMAS * fit.drift_se):
         return
     nominal_hz = manifest.video.frame_rate_hz
-    # Rounded less than a clock may drift, and as YAML reads it.
-    nominal, true = (f"{rate_hz:.6g}" for rate_hz in (nominal_hz, nominal_hz / (1.0 + fit.drift)))
     true_hz, true_se_hz = nominal_hz / (1.0 + fit.drift), nominal_hz * fit.drift_se
+    nominal, true = f"{nominal_hz:.6g}", f"{true_hz:.6g}"  # finer than clocks drift, and as YAML reads it
     lasted_s = fit.motion_end_s - fit.motion_start_s
     source = (
         "experiment.yaml" if manifest.video.frame_rate_source == "experiment" else "the video’s time stamps"

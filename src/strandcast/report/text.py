@@ -73,7 +73,7 @@ def miss_in_words(verdict: Verdict) -> str:
     """Return the miss and what it is measured from."""
     miss = millimetres(verdict.miss_m)
     if verdict.wanted is not None:
-        return f"the aim was missed by {miss}"
+        return f"the aim was {'reached to within' if verdict.hit else 'missed by'} {miss}"
     return f"{miss} from {missed_from(verdict)}"
 
 

@@ -89,10 +89,10 @@ def refuse_lost_trials(context: Context) -> None:
     if lost:
         raise StrandcastError(
             "SC-W036",
-            f"the results of trial {', '.join(map(str, lost))} are there, and not the raw files",
+            f"the results of trial {lost[0]} are there, and not its raw files",
             file=folder.trial(lost[0]).data,
-            cost="motions would be planned again, as if that had not been thrown",
-            fix=f"copy its folder there, exclude it, or, to throw it again, move "
+            cost="motions would be planned again, as if it had not been thrown",
+            fix="copy its folder there, exclude it, or, to throw it again, move "
             f"{folder.trial(lost[0]).results} away",
         )
 
