@@ -33,7 +33,7 @@ from strandcast.planning.describe import prediction_flags, stopped_outside_m, to
 from strandcast.planning.global_search import Encoding
 from strandcast.planning.miss_calibration import LEVELS, MissDistribution
 from strandcast.planning.motion_descent import MotionResiduals, descend_motion, motion_residuals
-from strandcast.planning.past_trials import Measured, PastTrial, past_trial
+from strandcast.planning.past_trials import PastTrial, past_trial
 from strandcast.planning.plan import PlannedMotion, likeliest, plan_first, plan_next, predicted
 from strandcast.planning.ranking import likely_miss_m
 from strandcast.planning.rollouts import (
@@ -90,7 +90,7 @@ def thrown_for_real(task: PlanningTask, unknown: StringBatch, plan: PlannedMotio
     seen = points + rng.normal(0.0, 0.0007, points.shape)
     miss, _ = closest_approach(np.ascontiguousarray(points[:, -1]), int(last[0]), *task.target_m)
     measured = q[0] + rng.normal(0.0, 0.0005, q[0].shape)
-    return past_trial(record, Measured(time_s, measured, time_s, seen, miss), task.step_s)
+    return past_trial(record, task.step_s, (time_s, measured), (time_s, seen), miss)
 
 
 def planned(task: PlanningTask, strings: StringBatch, seed: int = 1, **changes: object) -> PlannedMotion:
@@ -191,8 +191,8 @@ def test_a_rehearsal_shows_joints_that_are_not_as_the_arms_file_says(
         return closest_approach(np.ascontiguousarray(tips), int(last[0]), *task.target_m)[0]
 
     time_s, q, _ = joints(first)
-    nothing_seen = Measured(time_s, q[0], np.zeros(0), np.zeros((0, 2, 2)), None)
-    played = past_trial(to_record(first, task, "test", 1, 0, {}), nothing_seen, task.step_s)
+    nothing_seen = np.zeros(0), np.zeros((0, 2, 2))
+    played = past_trial(to_record(first, task, "test", 1, 0, {}), task.step_s, (time_s, q[0]), nothing_seen)
     rng = np.random.default_rng(3)
     plan = plan_first(task, strings, SMALL, rng, rehearsal=played)
     assert plan.kind == "rehearsed"

@@ -1,7 +1,6 @@
 """A past trial on its motion's own clock: the motion that was played, the joints, the string."""
 
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
@@ -54,29 +53,6 @@ class PastTrial:
     stated_m: float | None = None
 
 
-class Measured(NamedTuple):
-    """The measurements of a trial; times are since the motion's start, on the robot's clock.
-
-    Attributes
-    ----------
-    joint_time_s, q_rad
-        (R,) times, also before the start, and (R, J) measured angles.
-    frame_s, points_m
-        (F,) times of the camera's frames, and (F, n+1, 2 or 3) the track, NaN where a point is hidden [m].
-    miss_m
-        The measured miss.
-    logged
-        See `PastTrial`.
-    """
-
-    joint_time_s: np.ndarray
-    q_rad: np.ndarray
-    frame_s: np.ndarray
-    points_m: np.ndarray
-    miss_m: float | None
-    logged: bool = True
-
-
 def curve_of(motion: Motion) -> Curve | None:
     """Return the velocity curve of a motion record, None if it has no control heights."""
     if motion.bezier is None:
@@ -89,21 +65,37 @@ def curve_of(motion: Motion) -> Curve | None:
     )
 
 
-def past_trial(motion: Motion, measured: Measured, step_s: float) -> PastTrial:
-    """Bring one trial's data onto the clock of its motion, joints every `step_s`."""
-    planned = motion.trajectory()
+def past_trial(
+    motion: Motion,
+    step_s: float,
+    joints: tuple[np.ndarray, np.ndarray],
+    points: tuple[np.ndarray, np.ndarray],
+    miss_m: float | None = None,
+    *,
+    logged: bool = True,
+) -> PastTrial:
+    """Bring one trial's data onto the clock of its motion, joints every `step_s`.
+
+    Parameters
+    ----------
+    joints
+        (R,) times since the motion's start, also before it [s], and (R, J) measured angles [rad].
+    points
+        (F,) times of the camera's frames, and (F, n+1, 2 or 3) the track, NaN where a point is hidden [m].
+    """
+    planned, (frame_s, points_m) = motion.trajectory(), points
     time_s = np.arange(round((planned.end_s + AFTER_END_S) / step_s) + 1) * step_s
     return PastTrial(
         trial=motion.trial,
         curve=curve_of(motion),
         q_command_rad=resampled(time_s, planned.time_s, planned.q_rad),
-        q_rad=resampled(time_s, measured.joint_time_s, measured.q_rad),
-        frame_s=measured.frame_s,
-        tip_m=measured.points_m[:, -1],
-        start_m=start_shape(measured.frame_s, measured.points_m[:, 1:]),
-        sway_rad_s=start_sway(measured.frame_s, measured.points_m),
-        miss_m=measured.miss_m,
-        logged=measured.logged,
+        q_rad=resampled(time_s, *joints),
+        frame_s=frame_s,
+        tip_m=points_m[:, -1],
+        start_m=start_shape(frame_s, points_m[:, 1:]),
+        sway_rad_s=start_sway(frame_s, points_m),
+        miss_m=miss_m,
+        logged=logged,
         stated_m=stated_miss_m(motion),
     )
 

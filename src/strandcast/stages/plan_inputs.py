@@ -12,7 +12,7 @@ from strandcast.config.experiment import Experiment
 from strandcast.core.strings import FAR_OFFSET, PARAMETERS, StringBatch
 from strandcast.dynamics.model import StringModel
 from strandcast.errors import StrandcastError
-from strandcast.planning.past_trials import Measured, PastTrial, past_trial, resampled
+from strandcast.planning.past_trials import PastTrial, past_trial, resampled
 from strandcast.planning.scenarios import STRINGS
 from strandcast.planning.start_strings import (
     in_another_clamp,
@@ -136,15 +136,22 @@ def refuse_without_target(context: Context) -> None:
 
 def past_trial_of(trial: Trial, task: PlanningTask) -> PastTrial:
     """Return a trial on its motion's own clock, joints as often as the task's."""
-    assert trial.motion is not None
-    if (played := tuple(trial.motion.joint_names)) != task.arm.joints:
-        what = (
-            f"trial {trial.number} moved {', '.join(played)}, and the arm's are {', '.join(task.arm.joints)}"
-        )
+    motion, log, start_s = trial.motion, trial.log, trial.alignment.motion_start_s
+    assert motion is not None
+    if (played := tuple(motion.joint_names)) != task.arm.joints:
+        what = f"trial {trial.number} moved {', '.join(played)}, and the arm's are "
         fix = "begin an experiment for the other joints, or exclude the trials before"
-        raise StrandcastError("SC-X004", what, file=task.arm.path, field="throw.joints", fix=fix)
-    past = past_trial(trial.motion, measured_of(trial, task.hit_radius_m), task.step_s)
-    if not np.array_equal(trial.motion.target_m, task.target_m):  # the miss is to another target
+        raise StrandcastError(
+            "SC-X004", what + ", ".join(task.arm.joints), file=task.arm.path, field="throw.joints", fix=fix
+        )
+    if log is None:  # a supplied track: the joints are taken to have followed the commands
+        joints = motion.trajectory().time_s, motion.trajectory().q_rad
+    else:
+        joints = smooth_joints(log, played, (start_s, trial.alignment.motion_end_s), start_s)
+    nearest = trial.shortfall(task.hit_radius_m)
+    points = trial.frame_time_s - start_s, trial.track.detected_m()
+    past = past_trial(motion, task.step_s, joints, points, nearest and nearest.miss_m, logged=log is not None)
+    if not np.array_equal(motion.target_m, task.target_m):  # the miss is to another target
         past = replace(past, stated_m=None)
     if not task.in_space:
         return past
@@ -198,8 +205,8 @@ def rehearsal_of(files: Files, task: PlanningTask) -> PastTrial | None:
     rms_rad = float(np.sqrt(np.mean(off_rad**2)))
     if rms_rad > FARTHEST_RAD:
         raise _no_rehearsal(record, f"the logged joints are {rms_rad:.1f} rad rms from the motion beside it")
-    nothing_seen = np.zeros((0, 2, arm.axes))
-    return past_trial(motion, Measured(time_s, q_rad, np.zeros(0), nothing_seen, None), task.step_s)
+    nothing_seen = np.zeros(0), np.zeros((0, 2, arm.axes))
+    return past_trial(motion, task.step_s, (time_s, q_rad), nothing_seen)
 
 
 def _refuse_rehearsal_for_another(file: Path, motion: Motion, task: PlanningTask) -> None:
@@ -220,23 +227,6 @@ def _refuse_rehearsal_for_another(file: Path, motion: Motion, task: PlanningTask
 def _no_rehearsal(file: Path, what: str, field: str | None = None, fix: str | None = None) -> StrandcastError:
     cost = "the planner would compensate an error that the joints do not have"
     return StrandcastError("SC-P021", what, file=file, field=field, cost=cost, fix=fix)
-
-
-def measured_of(trial: Trial, hit_radius_m: float) -> Measured:
-    """Return the measurements of a trial since its motion's start."""
-    motion, log, start_s = trial.motion, trial.log, trial.alignment.motion_start_s
-    assert motion is not None
-    if log is None:  # a supplied track: the joints are taken to have followed the commands
-        time_s, q_rad = motion.trajectory().time_s, motion.trajectory().q_rad
-    else:
-        time_s, q_rad = smooth_joints(
-            log, motion.joint_names, (start_s, trial.alignment.motion_end_s), start_s
-        )
-    nearest = trial.shortfall(hit_radius_m)
-    frame_s = trial.frame_time_s - start_s
-    return Measured(
-        time_s, q_rad, frame_s, trial.track.detected_m(), nearest and nearest.miss_m, log is not None
-    )
 
 
 def servo_of(fit: ServoFit | None) -> Servo | None:
