@@ -296,22 +296,22 @@ def test_a_bar_is_planned_for_and_the_file_is_the_same_each_time(
 
 def test_the_papers_planner_has_the_papers_times_and_commanded_angles(root: Path) -> None:
     text = "target_m: [0.5, 0.5]\nmethod: paper\nplan: {evaluations: 24}\n"
-    write(root, "paper", text)
-    motion = planned(root, "paper")
+    write(root, "as-paper", text)
+    motion = planned(root, "as-paper")
     assert motion.provenance is not None
     assert motion.provenance.planner == "paper"
-    context = context_of(root, "paper")
+    context = context_of(root, "as-paper")
     at_once = first_motion(context, arm_of(context)).provenance  # as `check` plans it
     assert at_once is not None
     assert at_once.planner == "paper"
     assert motion.bezier is not None
     assert motion.bezier.stop_ramp_from_s == motion.bezier.duration_s
-    settings = context_of(root, "paper").settings.plan
+    settings = context_of(root, "as-paper").settings.plan
     assert settings.duration_s == (0.2, 1.2)
-    write(root, "paper", text.replace("}", ", duration_s: [0.4, 0.5]}"))
-    assert context_of(root, "paper").settings.plan.duration_s == (0.4, 0.5)
-    write(root, "paper", "target_m: [0.5, 0.5]\n")
-    assert context_of(root, "paper").settings.plan.duration_s == (0.35, 0.9)
+    write(root, "as-paper", text.replace("}", ", duration_s: [0.4, 0.5]}"))
+    assert context_of(root, "as-paper").settings.plan.duration_s == (0.4, 0.5)
+    write(root, "as-paper", "target_m: [0.5, 0.5]\n")
+    assert context_of(root, "as-paper").settings.plan.duration_s == (0.35, 0.9)
 
 
 SHAPE = "objective: {kind: shape, places: [{along_m: 0.3, at_m: [0.9, 0.1]}]}\n"
