@@ -1,12 +1,24 @@
 """Errors of the system and of exhausted memory are one message, whatever library they come from."""
 
 import errno
+import io
 import subprocess
 import sys
 
 import pytest
 
+from strandcast.cli.common import show
 from strandcast.cli.host_problems import problem_of
+from strandcast.cli.main import guarded
+
+
+def test_an_8_bit_output_loses_letters_of_lines_and_none_of_json(monkeypatch: pytest.MonkeyPatch) -> None:
+    out = io.TextIOWrapper(io.BytesIO(), encoding="latin-1")
+    monkeypatch.setattr(sys, "stdout", out)
+    for as_json in (False, True):
+        guarded(lambda as_json=as_json: show(as_json, {"file": "Łódź"}, ["ä…"]))
+    out.seek(0)
+    assert out.buffer.read() == b'\xe4?\n{"file": "\\u0141\\u00f3d\\u017a"}\n'
 
 
 @pytest.mark.parametrize(

@@ -4,8 +4,10 @@ import shutil
 from pathlib import Path
 
 import pytest
+import typer
 from tests.faults.small import REAL
 
+from strandcast.cli import checks
 from strandcast.config.find import experiment_named, find_experiment
 from strandcast.errors import StrandcastError
 from strandcast.workflow import check
@@ -127,6 +129,23 @@ def test_results_of_a_trial_without_its_raw_files_are_refused(root: Path) -> Non
     assert "is a link to nothing" in {each.what for each in found.warnings}
     write(root, "data/rig/experiment.yaml", f"{SETTINGS}excluded: [{{trial: 2, reason: lost}}]\n")
     assert runnable(root, ["rig"], raw=False) == (["rig"], [])
+
+
+def test_fix_goes_on_after_a_file_that_cannot_be_read(
+    root: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write(root, "data/aaa/experiment.yaml", "string: [\n")
+    write(root, "data/rig/experiment.yaml", f"{SETTINGS}plan: {{use_servo: true}}\n")
+    monkeypatch.setattr(checks, "ROOT", root)
+    with pytest.raises(typer.Exit):
+        checks.check(None, fix=True)
+    assert "1 former settings written as they are now" in capsys.readouterr().out
+    assert "use_servo" not in (root / "data/rig/experiment.yaml").read_text()
+
+
+def test_the_labs_pictures_have_even_sides(root: Path) -> None:
+    write(root, "data/rig/experiment.yaml", f"{SETTINGS}lab: {{camera: {{size_px: [641, 480]}}}}\n")
+    assert any("multiple of 2" in each.what for each in check_experiment(root, "rig").errors)
 
 
 def test_the_papers_results_are_no_experiment(root: Path) -> None:
