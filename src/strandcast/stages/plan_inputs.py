@@ -136,7 +136,7 @@ def refuse_without_target(context: Context) -> None:
 
 def past_trial_of(trial: Trial, task: PlanningTask) -> PastTrial:
     """Return a trial on its motion's own clock, joints as often as the task's."""
-    motion, log, start_s = trial.motion, trial.log, trial.alignment.motion_start_s
+    motion = trial.motion
     assert motion is not None
     if (played := tuple(motion.joint_names)) != task.arm.joints:
         what = f"trial {trial.number} moved {', '.join(played)}, and the arm's are "
@@ -144,6 +144,7 @@ def past_trial_of(trial: Trial, task: PlanningTask) -> PastTrial:
         raise StrandcastError(
             "SC-X004", what + ", ".join(task.arm.joints), file=task.arm.path, field="throw.joints", fix=fix
         )
+    log, start_s = trial.log, trial.alignment.motion_start_s
     if log is None:  # a supplied track: the joints are taken to have followed the commands
         joints = motion.trajectory().time_s, motion.trajectory().q_rad
     else:
