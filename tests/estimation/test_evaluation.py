@@ -2,11 +2,15 @@
 
 import numpy as np
 
-from strandcast.estimation.evaluation import distances, evaluation_value, point_values, rmse, tip_error
+from strandcast.estimation.evaluation import distances, evaluation_of_points, point_values, rmse, tip_error
 
 MEASURED = np.array([[[0, 0], [3, 4], [0, 0]], [[0, 0], [0, 0], [np.nan, np.nan]]], dtype=float)
 SIMULATED = np.zeros((2, 3, 2))
 SIMULATED[0, 2] = [0.0, 2.0]
+
+
+def evaluation_value(measured, simulated, w=0.0, confidence=None, reading="world"):
+    return evaluation_of_points(point_values(distances(measured, simulated, reading), confidence), w)
 
 
 def test_evaluation_value_is_equations_4_to_6():

@@ -82,17 +82,6 @@ def evaluation_of_points(values: Array, w: float = 0.0) -> Array:
     return np.asarray(np.divide(summed, count, out=np.full(np.shape(summed), np.nan), where=count > 0))
 
 
-def evaluation_value(
-    measured: Array,
-    simulated: Array,
-    w: float = 0.0,
-    confidence: Array | None = None,
-    reading: str = "world",
-) -> Array:
-    """E of eqs. (4) to (6) [m]: see `distances`, `point_values` and `evaluation_of_points`."""
-    return evaluation_of_points(point_values(distances(measured, simulated, reading), confidence), w)
-
-
 def rmse(distance: Array) -> float:
     """Root mean square of all measured distances, each with the same weight [m]."""
     return float(np.sqrt(np.nanmean(distance**2)))

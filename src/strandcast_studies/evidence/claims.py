@@ -19,7 +19,7 @@ from strandcast.config.estimate import EstimateSettings
 from strandcast.core.strings import STIFF_BEND, StringBatch
 from strandcast.dynamics.masses import FREE_END, MassLayout
 from strandcast.estimation.estimate import estimate_throws
-from strandcast.estimation.evaluation import evaluation_value
+from strandcast.estimation.evaluation import distances, evaluation_of_points, point_values
 from strandcast.estimation.fit import StringFit
 from strandcast.estimation.fit_objective import simulate_throw
 from strandcast.estimation.measured import prepare
@@ -102,7 +102,8 @@ def error_m(one: Specimen, motion: int, strings: StringBatch, settings: Estimate
     """Return E (w = 0) of one throw with a string (a batch of one) [m]; infinite if the simulation failed."""
     task = prepare(one.throws[motion], one.model.places_m(), settings.start_shape).fitted()
     simulated = simulate_throw(one.model, task, strings)[0][0]
-    return float(evaluation_value(task.points_m, simulated, 0.0, task.weight, settings.evaluation))
+    distance = distances(task.points_m, simulated, settings.evaluation)
+    return float(evaluation_of_points(point_values(distance, task.weight)))
 
 
 def pipe_rows(one: Specimen, seed: int) -> list[Row]:

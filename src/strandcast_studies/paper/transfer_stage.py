@@ -7,7 +7,7 @@ import numpy as np
 from strandcast.arm.load import load_arm
 from strandcast.core.strings import StringBatch
 from strandcast.dynamics.model import StringModel
-from strandcast.estimation.evaluation import evaluation_value
+from strandcast.estimation.evaluation import distances, evaluation_of_points, point_values
 from strandcast.estimation.fit_objective import simulate_throw
 from strandcast.estimation.measured import prepare
 from strandcast.estimation.throws import PreparedThrow
@@ -69,5 +69,6 @@ def _values_m(
 ) -> list[float | None]:
     """Return E (w = 0) of the throw with each string, None where the simulation diverged."""
     simulated, _ = simulate_throw(model, task, strings)
-    values = np.atleast_1d(evaluation_value(task.points_m, simulated, 0.0, task.weight, reading))
+    distance = distances(task.points_m, simulated, reading)
+    values = np.atleast_1d(evaluation_of_points(point_values(distance, task.weight)))
     return [float(value) if np.isfinite(value) else None for value in values]
