@@ -101,7 +101,7 @@ def test_the_experiments_page_doubts_the_next_motion_and_the_trial_before(
     trials = {trial: read_results(results / trial_name(trial)) for trial in (1, 2, 3)}
     given = {"string_length_m": 0.3, "target_m": [0.606, 0.674], "hit_radius_m": 0.02}
     summary = summarise("swing", {trial: each.folder for trial, each in trials.items()}, **given)
-    checks = ExperimentPageData(summary, trials, next_motion=results / "gone.json").checks()
+    checks = ExperimentPageData(summary, trials, next_motion=results / "gone.json").checks
     assert [each[-1].name == NEXT_MOTION for each in checks.values()] == [False, False, True]
     assert checks[3][-1].state == FAIL
     since = {trial: any("trial before" in each.name for each in found) for trial, found in checks.items()}

@@ -52,8 +52,7 @@ def experiment_page(
     uncertain = summary.hit_trial is not None and uncertain_verdict(results[summary.hit_trial])
     page = ExperimentPageData(summary, results, folder, next_motion, facts)
     last, upcoming = page.last_counted, readable_motion(next_motion)
-    checks = page.checks()
-    found = {f"trial {line.trial}": checks[line.trial] for line in summary.counted()}
+    found = {f"trial {line.trial}": page.checks[line.trial] for line in summary.counted()}
     return render(
         "experiment.html.jinja",
         summary=summary,

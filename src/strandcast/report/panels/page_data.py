@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -84,8 +85,9 @@ class ExperimentPageData:
         counted = self.summary.counted()
         return self.trials[counted[-1].trial] if counted else None
 
+    @cached_property
     def checks(self) -> dict[int, list[CheckResult]]:
-        """Return the checks by trial; the next motion is checked with the last trial that counts.
+        """The checks by trial; the next motion is checked with the last trial that counts.
 
         The trial before is the last that counts, as on the page of a trial.
         """

@@ -15,7 +15,7 @@ def quality(page: ExperimentPageData) -> PanelContent:
     """Return the matrix of trials and checks; a mark leads to the checks on the trial's page."""
     trials = list(page.trials)
     by_check: dict[str, dict[int, str]] = {}
-    for trial, checks in page.checks().items():
+    for trial, checks in page.checks.items():
         for check in checks:
             if check.name == NEXT_MOTION:  # it has its own section
                 continue
