@@ -33,7 +33,7 @@ from strandcast.stages.job import Files, Job
 from strandcast.stages.predict import predict
 from strandcast.stages.run import run_stage
 from strandcast.stages.together import together
-from strandcast.stages.trials_in_space import read_trial_in_space
+from strandcast.stages.trials_in_space import read_trial_in_space, series_of
 from strandcast.workflow.check import check_experiment
 from strandcast.workflow.runner import table
 
@@ -140,7 +140,7 @@ def test_places_in_metres_stay_where_the_strings_length_is_corrected(captured, t
     def places(length_m: float) -> np.ndarray:
         (root / "data/cable/experiment.yaml").write_text(YAML.format(length=length_m))
         files = Files(declarations.STAGES["estimate"], Job(context_of(root, "cable"), 1))
-        return next(iter(read_trial_in_space(files, 1).series.values())).places
+        return next(iter(series_of(files, read_trial_in_space(files, 1)).values())).places
 
     np.testing.assert_allclose(places(1.0), captures.PLACES_M)
     with pytest.raises(StrandcastError, match="SC-I013.*a marker at 0.8 m lies beyond the string's 0.75 m"):

@@ -253,9 +253,9 @@ def test_the_joint_log_is_the_driven_end_of_an_imported_track(root: Path, captur
     run, log = read_run(folder)
     alignment = Alignment.read(folder / "alignment.json")
     assert (alignment.motion_start_s, alignment.motion_end_s) == (run.motion_start_s, run.motion_end_s)
-    time_s, pose = read_hand_in_space(folder / "hand.parquet")
+    time_s, (hand,) = read_hand_in_space(folder / "hand.parquet", thrown=True)
     np.testing.assert_array_equal(time_s, log.time_s)
-    np.testing.assert_allclose(pose, arm.hand_path(log.q_rad), atol=8e-3)
+    np.testing.assert_allclose(np.hstack(list(hand)), arm.hand_path(log.q_rad), atol=8e-3)
 
 
 def test_a_capture_in_the_arms_frame_needs_the_clocks_offset_alone(root: Path, captured: Path) -> None:

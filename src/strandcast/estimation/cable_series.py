@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -18,6 +18,7 @@ from strandcast.dynamics.parameters import GRAVITY_M_S2, Array
 from strandcast.dynamics.spatial.clamps import POSE, clamp_poses, hanging_clamp_poses
 from strandcast.estimation.fit_objective import simulate_throw
 from strandcast.estimation.throws import PreparedThrow
+from strandcast.records.alignment import EndPath
 
 # All chosen.
 SMOOTHING_S = 0.07  # of the driven ends: their markers' noise would shake the string
@@ -312,9 +313,8 @@ def series_between(
         end.in_order(vertices_m[:, order], np.abs(places[order] - at)).smoothed(time_s)
         for end, order, at in zip(ends, _from_each_end(places), (0.0, 1.0), strict=False)
     ]
-    free_to_roll = any(end.direction is not None and end.normal is None for end in ends)
-    rolls = list(ROLLS) if free_to_roll else ["measured"]
-    if free_to_roll and not all(end.can_hang() for end in calm):
+    rolls = list(ROLLS) if free_to_roll(ends) else ["measured"]
+    if free_to_roll(ends) and not all(end.can_hang() for end in calm):
         rolls.remove("hanging")
     return {
         roll: CableSeries(
@@ -326,6 +326,11 @@ def series_between(
         )
         for roll in rolls
     }
+
+
+def free_to_roll(ends: Sequence[DrivenEnd] | Sequence[EndPath]) -> bool:
+    """Return whether an end holds the string in a direction about which its turn was not measured."""
+    return any(end.direction is not None and end.normal is None for end in ends)
 
 
 def _from_each_end(places: Array) -> tuple[np.ndarray, np.ndarray]:

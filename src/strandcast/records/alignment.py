@@ -132,15 +132,18 @@ def read_hand(path: str | Path, source: str) -> tuple[np.ndarray, Pose]:
     return rows["robot_time_s"][mine], Pose(position_m, rows["angle_rad"][mine])
 
 
-def read_hand_in_space(path: str | Path) -> tuple[np.ndarray, np.ndarray]:
-    """Return the path of an arm's hand in space: robot times (T,), place, direction and normal (T, 9)."""
+def read_hand_in_space(path: str | Path, *, thrown: bool) -> tuple[np.ndarray, list[EndPath]]:
+    """Return robot times (T,) [s] and the paths of the driven ends of a string in space.
+
+    Of a throw it is one, the arm's hand, with its direction and normal.
+    """
     rows = read_table(path, HAND)
     ends = ends_of(rows)
-    parts = [part for end in ends for part in end if part is not None]
-    if len(ends) != 1 or len(parts) != len(EndPath._fields):
-        what = "the columns are not those of one end with its direction and normal"
-        raise refusal("SC-R001", path, "normal_x", what, "import the track of the throw again")
-    return rows["robot_time_s"], np.hstack(parts)
+    if not ends or (thrown and (len(ends) > 1 or any(part is None for part in ends[0]))):
+        kind = "one end with its direction and normal" if thrown else "a driven end in space"
+        fix = "import the trial again; keep captures in the plane and in space in experiments of their own"
+        raise refusal("SC-R001", path, "normal_x", f"the columns are not those of {kind}", fix)
+    return rows["robot_time_s"], ends
 
 
 def end_columns(ends: Sequence[EndPath]) -> dict[str, np.ndarray]:

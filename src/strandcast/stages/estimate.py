@@ -38,7 +38,6 @@ from strandcast.stages.past_trials import (
 from strandcast.stages.rig_offsets import rig_offsets_of
 from strandcast.stages.seen_weights import seen_weights
 from strandcast.stages.trials_in_space import (
-    TrialInSpace,
     cable_of_trials,
     fitted_parts,
     parts_in_space,
@@ -98,16 +97,16 @@ def run(job: Job, files: Files) -> None:
     record.write(files.output("estimate"))
 
 
-def what_is_fitted(files: Files) -> tuple[list[Any], Fitted]:
+def what_is_fitted(files: Files) -> tuple[list[Trial], Fitted]:
     """Return the trials that the fit after a job's trial reads, and what `estimate` takes of them."""
     job = files.job
     in_space = is_in_space(read_arrow(files.input("track", job.trial), TRACK).column_names)
     refuse_settings_of_others(job.context, in_space=in_space)
-    trials: Any = [(read_trial_in_space if in_space else read_trial)(files, number) for number in recent(job)]
+    trials = [(read_trial_in_space if in_space else read_trial)(files, number) for number in recent(job)]
     return trials, (_in_space if in_space else _in_plane)(files, trials)
 
 
-def _in_space(files: Files, trials: list[TrialInSpace]) -> Fitted:
+def _in_space(files: Files, trials: list[Trial]) -> Fitted:
     model, space = cable_of_trials(files, trials)
     parts = parts_in_space(files, trials, model.points)
     _refuse_unseen(files, trials, next(iter(parts.values())))
@@ -119,7 +118,7 @@ def _in_space(files: Files, trials: list[TrialInSpace]) -> Fitted:
     return parts, model, space, settings, known
 
 
-def _refuse_unseen(files: Files, trials: list[TrialInSpace], parts: TrialParts) -> None:
+def _refuse_unseen(files: Files, trials: list[Trial], parts: TrialParts) -> None:
     """Refuse trials, or parts of them, in which no marker enters E."""
     whole = enumerate(parts.whole, parts.trials - len(parts.whole))
     for row, throw in [*whole, *zip(parts.trial, parts.throws, strict=True)]:

@@ -16,7 +16,7 @@ from strandcast.dynamics.masses import FREE_END, MassLayout, mass_layout
 from strandcast.dynamics.model import StringModel
 from strandcast.estimation.cable_space import THROWN_POINTS, CableSpace, space_of_cable
 from strandcast.estimation.unknowns import given_of
-from strandcast.records.alignment import Alignment, read_hand, read_hand_in_space
+from strandcast.records.alignment import Alignment, EndPath, read_hand, read_hand_in_space
 from strandcast.records.content_hash import result_sha256
 from strandcast.records.estimate import ENSEMBLE
 from strandcast.records.joint_log import JointLog, read_run
@@ -43,8 +43,8 @@ class Trial:
         The experiment's objective; None without a target.
     motion, log
         None if they were not recorded.
-    hand_pose
-        (T, 3) x, y and angle; in space (T, 9) place, direction and normal.
+    hand_time_s, hand_pose, ends
+        (T,) times of the hand's path, and in the plane (T, 3) x, y and angle, in space the driven ends.
     """
 
     number: int
@@ -55,6 +55,7 @@ class Trial:
     frame_time_s: np.ndarray
     hand_time_s: np.ndarray
     hand_pose: np.ndarray
+    ends: list[EndPath]
     motion: Motion | None
     log: JointLog | None
 
@@ -65,19 +66,24 @@ class Trial:
         return tracked_shortfall(self.track, self.alignment, self.aim, self.summary.length_m, touch_m)[0]
 
 
-def read_trial(files: Files, number: int) -> Trial:
-    """Read one trial's results, and the motion and log beside its raw files if they exist."""
+def read_trial(files: Files, number: int, *, in_space: bool | None = None) -> Trial:
+    """Read one trial's results, and the motion and log beside its raw files if they exist.
+
+    `in_space` says where the trial is, None: where the experiment's throws are.
+    """
     settings = files.job.context.settings
+    in_space = settings.aims_in_space if in_space is None else in_space
     summary = TrackSummary.read(files.input("summary", number))
-    points = summary.points if settings.aims_in_space else settings.string.n
-    track = read_track(files.input("track", number), points)
+    track = read_track(files.input("track", number), summary.points if in_space else settings.string.n)
     alignment = Alignment.read(files.input("alignment", number))
     played, run = files.optional("motion", number), files.optional("run", number)
     log = read_run(run.parent)[1] if run else None
-    if settings.aims_in_space:  # without the rows' noise since its import
-        hand_time_s, hand_pose = read_hand_in_space(files.input("hand", number))
+    hand_file, hand_pose = files.input("hand", number), np.zeros((0, 3))
+    ends: list[EndPath] = []
+    if in_space:  # without the rows' noise since its import, or smoothed by the fit
+        hand_time_s, ends = read_hand_in_space(hand_file, thrown=settings.aims_in_space)
     else:
-        hand_time_s, hand = read_hand(files.input("hand", number), "measured")
+        hand_time_s, hand = read_hand(hand_file, "measured")
         hand_pose = hand.array()
         if log:  # the rows' noise would shake the simulated strings
             near = _near_motion(hand_time_s, alignment.motion_start_s, alignment.motion_end_s)
@@ -92,6 +98,7 @@ def read_trial(files: Files, number: int) -> Trial:
         alignment.robot_time_s(track.camera_time_s),
         hand_time_s,
         hand_pose,
+        ends,
         Motion.read(played) if played else None,
         log,
     )

@@ -28,7 +28,7 @@ from strandcast.stages.files import supplied
 from strandcast.stages.job import Files, Job
 from strandcast.stages.past_trials import read_trial, string_model
 from strandcast.stages.run import run_stage
-from strandcast.stages.trials_in_space import length_in_space_m, read_trial_in_space
+from strandcast.stages.trials_in_space import length_in_space_m, read_trial_in_space, series_of
 
 
 @dataclass(frozen=True)
@@ -100,9 +100,10 @@ def _in_space(files: Files, estimate: Estimate, estimate_file: Path) -> Read:
     """Return the model, a trial in space, its track, and no stiff joints (n,)."""
     trial = read_trial_in_space(files, files.job.trial)
     roll = str(read_facts(estimate_file.with_name("ensemble.parquet"), ENSEMBLE)["roll"])
-    if roll not in trial.series:
+    rolls = series_of(files, trial)
+    if roll not in rolls:
         raise _other_string(files, f"the driven ends cannot turn as those of the estimate do ({roll})")
-    series = trial.series[roll]
+    series = rolls[roll]
     unknowns = {fit.name for fit in estimate.parameters}
     held = {how.needs for how in CableSpace.ways().values() if how.name in unknowns}
     pinned, far_clamp = "clamp" not in held, "two clamps" in held

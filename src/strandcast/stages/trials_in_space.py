@@ -1,59 +1,43 @@
 """Trials in space as the fit takes them: throws of an arm, and captures."""
 
-from dataclasses import dataclass
+from dataclasses import replace
 
 import numpy as np
 
 from strandcast.dynamics.model import StringModel
-from strandcast.dynamics.spatial.clamps import POSE
 from strandcast.errors import StrandcastError
-from strandcast.estimation.cable_series import CableSeries, DrivenEnd, series_between
+from strandcast.estimation.cable_series import CableSeries, DrivenEnd, free_to_roll, series_between
 from strandcast.estimation.cable_space import POINTS, CableSpace
 from strandcast.estimation.throws import TrialParts
 from strandcast.estimation.windows import parts_by_roll
 from strandcast.imports.track_checks import DrivenPath
-from strandcast.records.alignment import HAND, Alignment, ends_of
+from strandcast.records.alignment import EndPath
 from strandcast.records.estimate import FittedPart
 from strandcast.records.record import refusal
-from strandcast.records.tables import read_table
-from strandcast.records.track import LONGEST_PLACE, Track, TrackSummary, read_track
+from strandcast.records.track import LONGEST_PLACE
 from strandcast.stages.arms import arm_of
 from strandcast.stages.context import Context, free_length_m
 from strandcast.stages.job import Files
-from strandcast.stages.past_trials import cable_of, read_trial, spatial_settings, thrown_cable, until_s
+from strandcast.stages.past_trials import Trial, cable_of, read_trial, spatial_settings, thrown_cable, until_s
 
 # Of a throw; chosen.
 FITTED_BEFORE_S, FITTED_AFTER_S = 0.08, 0.10  # around the motion
 FASTEST_M_S = 40.0  # faster markers are errors: no tip is as fast
 
 
-@dataclass(frozen=True, eq=False)
-class TrialInSpace:
-    """A trial in space: its track, and its motion with every roll that the driven ends may have."""
-
-    number: int
-    track: Track
-    series: dict[str, CableSeries]
-
-    def kind(self) -> tuple[int, bool, bool]:
-        """Return columns of the driven ends, and whether they are points, and their roll is measured."""
-        series = next(iter(self.series.values()))
-        return series.pose.shape[1], series.pinned, "measured" in self.series
-
-
-def parts_in_space(files: Files, trials: list[TrialInSpace], points: int) -> dict[str, TrialParts]:
+def parts_in_space(files: Files, trials: list[Trial], points: int) -> dict[str, TrialParts]:
     """Return what is fitted of trials, for strings of n = `points`; see `parts_by_roll`."""
     settings = spatial_settings(files.job.context)
     kept = trials[-1:] if settings.trials == "latest" else trials
-    series, skipped = [trial.series for trial in kept], len(trials) - len(kept)
+    series, skipped = [series_of(files, trial) for trial in kept], len(trials) - len(kept)
     return parts_by_roll(series, points, start_shape=settings.start_shape, skipped=skipped)
 
 
-def fitted_parts(trials: list[TrialInSpace], parts: TrialParts) -> list[FittedPart]:
+def fitted_parts(trials: list[Trial], parts: TrialParts) -> list[FittedPart]:
     """Return how much of each trial a fit has read."""
     found = []
     for number, trial in enumerate(trials):
-        time_s = next(iter(trial.series.values())).time_s
+        time_s = trial.frame_time_s
         frames = np.zeros(len(time_s), dtype=bool)
         for row in np.flatnonzero(parts.trial == number):
             frames[parts.throws[row].frames] = True
@@ -65,14 +49,14 @@ def fitted_parts(trials: list[TrialInSpace], parts: TrialParts) -> list[FittedPa
     return found
 
 
-def cable_of_trials(files: Files, trials: list[TrialInSpace]) -> tuple[StringModel, CableSpace]:
+def cable_of_trials(files: Files, trials: list[Trial]) -> tuple[StringModel, CableSpace]:
     """Return the model of a string in space, and the box of its unknowns; refuse trials of unlike ends."""
     context = files.job.context
     if context.settings.aims_in_space:
         return thrown_cable(context, arm_of(context))
-    string, (columns, pinned, _) = context.settings.string, trials[-1].kind()
+    string, ends = context.settings.string, trials[-1].ends
     for trial in trials:
-        if trial.kind() != trials[-1].kind():
+        if _kind(trial.ends) != _kind(ends):
             raise StrandcastError(
                 "SC-E009",
                 f"trials {trial.number} and {trials[-1].number} have other driven ends",
@@ -80,48 +64,43 @@ def cable_of_trials(files: Files, trials: list[TrialInSpace]) -> tuple[StringMod
                 fix="name the ends alike, all with an orientation or all with behind; or make an experiment "
                 "for each way in which the string was driven",
             )
-    return cable_of(context, string.length_m, columns > POSE, string.points or POINTS, pinned=pinned)
+    points = string.points or POINTS
+    return cable_of(context, string.length_m, len(ends) > 1, points, pinned=ends[0].direction is None)
 
 
-def read_trial_in_space(files: Files, number: int) -> TrialInSpace:
-    """Read one trial's results: a throw of an arm, or a capture."""
-    return (_read_throw if files.job.context.settings.aims_in_space else _read_capture)(files, number)
+def _kind(ends: list[EndPath]) -> tuple[int, bool, bool]:
+    """Return how many driven ends there are, and whether they are points, or of an unknown roll."""
+    return len(ends), ends[0].direction is None, free_to_roll(ends)
 
 
-def _read_throw(files: Files, number: int) -> TrialInSpace:
-    """Read an arm's throw: the frames around its motion, until the tip may have touched the target."""
-    trial = read_trial(files, number)
-    last_s = trial.alignment.motion_end_s + FITTED_AFTER_S
-    last_s = min(last_s, until_s(trial, spatial_settings(files.job.context)))
+def read_trial_in_space(files: Files, number: int) -> Trial:
+    """Read one trial's results; of an arm's throw the frames around its motion.
+
+    They end before the tip may have touched the target.
+    """
+    trial, context = read_trial(files, number, in_space=True), files.job.context
+    if not context.settings.aims_in_space:
+        return trial
     time_s, known_s = trial.frame_time_s, trial.hand_time_s
+    last_s = min(trial.alignment.motion_end_s + FITTED_AFTER_S, until_s(trial, spatial_settings(context)))
     used = time_s >= max(trial.alignment.motion_start_s - FITTED_BEFORE_S, known_s[0])
     used &= time_s <= min(last_s, known_s[-1])
-    pose = np.column_stack([np.interp(time_s[used], known_s, column) for column in trial.hand_pose.T])
-    places = _places(files, number, trial.summary)
-    points_m = trial.track.detected_m()[used, 1:]
-    series = CableSeries(time_s[used], pose, points_m, places, fastest_m_s=FASTEST_M_S)
-    return TrialInSpace(number, trial.track.rows(used), {"measured": series})
+    return replace(trial, track=trial.track.rows(used), frame_time_s=time_s[used])
 
 
-def _read_capture(files: Files, number: int) -> TrialInSpace:
-    """Read a trial's results; the driven ends are interpolated at its frames."""
-    summary = TrackSummary.read(files.input("summary", number))
-    track = read_track(files.input("track", number), summary.points)
-    hand = read_table(files.input("hand", number), HAND)
-    time_s = Alignment.read(files.input("alignment", number)).robot_time_s(track.camera_time_s)
-    known_s = hand["robot_time_s"]
-    ends = [DrivenEnd(*end) for end in DrivenPath(known_s, ends_of(hand)).at(time_s).ends]
-    if not ends or track.points_m.shape[2] != 3:
-        raise StrandcastError(
-            "SC-E009",
-            f"trial {number} is in the plane",
-            file=files.input("track", number),
-            fix="keep captures in the plane and in space in experiments of their own",
-        )
+def series_of(files: Files, trial: Trial) -> dict[str, CableSeries]:
+    """Return a trial's motion with every roll that the driven ends may have.
+
+    The ends of a capture are smoothed, those of a throw were at its import.
+    """
+    time_s, known_s, points_m = trial.frame_time_s, trial.hand_time_s, trial.track.detected_m()[:, 1:]
+    places, ends = _places(files, trial), DrivenPath(known_s, trial.ends).at(time_s).ends
+    if files.job.context.settings.aims_in_space:
+        pose = DrivenEnd(*ends[0]).pose("measured")
+        return {"measured": CableSeries(time_s, pose, points_m, places, fastest_m_s=FASTEST_M_S)}
     inside = (time_s >= known_s[0]) & (time_s <= known_s[-1])
-    points_m = np.where(inside[:, None, None], track.detected_m()[:, 1:], np.nan)
-    places = _places(files, number, summary)
-    return TrialInSpace(number, track, series_between(time_s, ends, points_m, places))
+    points_m = np.where(inside[:, None, None], points_m, np.nan)
+    return series_between(time_s, [DrivenEnd(*end) for end in ends], points_m, places)
 
 
 def length_in_space_m(context: Context) -> float:
@@ -130,12 +109,12 @@ def length_in_space_m(context: Context) -> float:
     return free_length_m(context, arm_of(context).clamp.clamped_length_m if thrown else 0.0)
 
 
-def _places(files: Files, number: int, summary: TrackSummary) -> np.ndarray:
+def _places(files: Files, trial: Trial) -> np.ndarray:
     """Return where the track's points are (m,) along the present string, 0 to 1."""
     length_m = length_in_space_m(files.job.context)
-    places_m = summary.places_m(length_m)[1:]
+    places_m = trial.summary.places_m(length_m)[1:]
     if places_m.max() > LONGEST_PLACE * length_m:
         what = f"a marker at {places_m.max():g} m lies beyond the string's {length_m:g} m"
         fix = "correct string.length_m in experiment.yaml, or import the trial again with other places"
-        raise refusal("SC-I013", files.input("summary", number), "choices", what, fix)
+        raise refusal("SC-I013", files.input("summary", trial.number), "choices", what, fix)
     return places_m / length_m
