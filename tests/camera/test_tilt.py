@@ -55,7 +55,7 @@ def test_motion_in_the_declared_plane_gives_no_warning(camera):
     off = []
     for seed in range(20):
         tilt = fit_plane_tilt(camera, swing(camera, 0.0, 0.0, 0.0, seed), SIZE_M, OFFSET_M)
-        off.append((tilt.height_m / tilt.sigma_m, tilt.slope_x / tilt.sigma_x, tilt.slope_y / tilt.sigma_y))
+        off.append(tilt.plane / tilt.sigma)
         assert check_plane_tilt(tilt) == []
     assert np.sqrt(np.mean(np.square(off))) < 1.0  # the sigma allows for frames that err alike
 
@@ -67,9 +67,9 @@ def test_a_tilt_is_measured_and_reported_with_its_error(camera, height_m, slope_
     corners = swing(camera, height_m, slope_x, slope_y, 1)
     tilt = fit_plane_tilt(camera, corners, SIZE_M, OFFSET_M)
     middle = np.nanmean(pixel_to_metre(camera, corners, OFFSET_M), axis=(0, 1))
-    assert tilt.slope_x == pytest.approx(slope_x, abs=0.012)
-    assert tilt.slope_y == pytest.approx(slope_y, abs=0.02)
-    assert tilt.height_m == pytest.approx(height_m + middle @ (slope_x, slope_y), abs=2e-3)
+    assert tilt.plane[1] == pytest.approx(slope_x, abs=0.012)
+    assert tilt.plane[2] == pytest.approx(slope_y, abs=0.02)
+    assert tilt.plane[0] == pytest.approx(height_m + middle @ (slope_x, slope_y), abs=2e-3)
     assert tilt.significance > 10
     warnings = check_plane_tilt(tilt) if tilt.cost_m <= 0.01 else None
     if warnings is None:

@@ -1,7 +1,7 @@
 """Detection of motion outside the declared plane, from the apparent size of a moving marker."""
 
-from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import scipy
@@ -18,38 +18,18 @@ ERROR_M, WARNING_M = 10e-3, 2e-3  # chosen
 SIGNIFICANT = 4.0  # chosen: standard errors
 
 
-@dataclass(frozen=True)
-class PlaneTilt:
-    """The plane in which a marker moves, relative to the declared plane.
+class PlaneTilt(NamedTuple):
+    """The plane in which a marker moves, relative to the declared plane."""
 
-    Attributes
-    ----------
-    height_m
-        Height of the marker's plane above the declared one, towards the camera, at the path's centre.
-    slope_x, slope_y
-        Gradient of that height along x and y (tangents of the tilt).
-    sigma_m, sigma_x, sigma_y
-        Standard errors.
-    cost_m
-        Largest error of a point in the box around the marker's path.
-    """
-
-    height_m: float
-    slope_x: float
-    slope_y: float
-    sigma_m: float
-    sigma_x: float
-    sigma_y: float
-    cost_m: float
+    # (3,) height [m] over the declared plane, towards the camera, at the path's centre, and slopes along x, y
+    plane: np.ndarray
+    sigma: np.ndarray  # (3,) standard errors of these
+    cost_m: float  # largest error of a point in the box around the marker's path
 
     @property
     def significance(self) -> float:
-        """Return the largest ratio of the three parameters to their standard errors."""
-        return max(
-            abs(self.height_m) / self.sigma_m,
-            abs(self.slope_x) / self.sigma_x,
-            abs(self.slope_y) / self.sigma_y,
-        )
+        """Return the largest ratio of the three numbers to their standard errors."""
+        return float(np.max(np.abs(self.plane) / self.sigma))
 
 
 def fit_plane_tilt(
@@ -82,13 +62,10 @@ def fit_plane_tilt(
     corners = corners_px[good]
     middle_m = pixel_to_metre(camera, corners, offset_m).mean(axis=1)
     origin = middle_m.mean(axis=0)
-    numbers, covariance = _fit(camera, corners, size_m, offset_m, origin)
-    sigma = np.sqrt(np.diag(covariance))
+    plane, covariance = _fit(camera, corners, size_m, offset_m, origin)
     (left, low), (right, high) = middle_m.min(axis=0), middle_m.max(axis=0)
-    cost_m = _cost_m(camera, numbers, origin, ((left, right), (low, high)), offset_m)
-    height_m, slope_x, slope_y = map(float, numbers)
-    sigma_m, sigma_x, sigma_y = map(float, sigma)
-    return PlaneTilt(height_m, slope_x, slope_y, sigma_m, sigma_x, sigma_y, cost_m)
+    cost_m = _cost_m(camera, plane, origin, ((left, right), (low, high)), offset_m)
+    return PlaneTilt(plane, np.sqrt(np.diag(covariance)), cost_m)
 
 
 def _fit(
@@ -138,9 +115,9 @@ def check_plane_tilt(tilt: PlaneTilt, file: str | Path | None = None) -> list[st
     """
     if tilt.significance < SIGNIFICANT or tilt.cost_m < WARNING_M:
         return []
-    angle = np.degrees(np.arctan([tilt.slope_x, tilt.slope_y]))
+    height_m, angle = tilt.plane[0], np.degrees(np.arctan(tilt.plane[1:]))
     what = (
-        f"the hand moves in a plane {tilt.height_m * 1e3:+.0f} mm in front of the declared one, tilted by "
+        f"the hand moves in a plane {height_m * 1e3:+.0f} mm in front of the declared one, tilted by "
         f"{angle[0]:+.1f} degrees along x and {angle[1]:+.1f} along y"
     )
     if tilt.cost_m > ERROR_M:
