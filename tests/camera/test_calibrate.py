@@ -18,7 +18,7 @@ from strandcast.camera.frames import choose_frames, corner_sharpness
 from strandcast.camera.lens import calibrate_lens
 from strandcast.camera.mapping import metre_to_pixel, pixel_to_metre
 from strandcast.camera.markers import opencv_board, patterned
-from strandcast.camera.plane import PlaneGeometry, board_markers, plane_from_markers
+from strandcast.camera.plane import board_markers, plane_from_markers
 from strandcast.camera.pose import PlacedMarker
 from strandcast.camera.printed_board import PrintedBoard
 from strandcast.camera.views import find_board
@@ -303,9 +303,9 @@ def test_sharp_and_different_frames_are_chosen(frames):
 def test_weak_photos_give_a_warning_with_the_error_at_the_string(board_seen, plane_photo, views, words):
     found, _ = calibrate_lens([(str(k), board_seen(view, k)) for k, view in enumerate(views)], BOARD)
     assert any(words in weakness for weakness in found.weaknesses)
-    known = PlaneGeometry(0.02, 1e-3, None, ((-0.55, 0.55), (-0.25, 0.3)))
+    offset, box_m = {"string_offset_m": 0.02, "string_offset_sd_m": 1e-3}, ((-0.55, 0.55), (-0.25, 0.3))
     try:
-        camera = plane_from_markers(plane_photo, found, MARKERS, "DICT_4X4_50", geometry=known)
+        camera = plane_from_markers(plane_photo, found, MARKERS, "DICT_4X4_50", **offset, workspace_m=box_m)
     except StrandcastError as problem:
         assert problem.code == "SC-C013"
         assert words in problem.what

@@ -8,7 +8,7 @@ import pytest
 from strandcast.camera.flat import flat_camera
 from strandcast.camera.mapping import metre_to_pixel
 from strandcast.camera.picture import ARROW, ERROR, GRID, MARKER, WIDTH_PX, camera_picture
-from strandcast.camera.plane import PlaneGeometry, plane_from_markers
+from strandcast.camera.plane import plane_from_markers
 from strandcast.camera.pose import PlacedMarker
 from strandcast.records.camera import Camera
 
@@ -29,8 +29,12 @@ def photo(photograph, paint_markers, looking, lens) -> np.ndarray:
 
 @pytest.fixture(scope="module")
 def camera(photo, lens) -> Camera:
-    known = PlaneGeometry(0.02, 1e-3, None, ((-0.55, 0.55), (-0.25, 0.3)))
-    return plane_from_markers(photo, lens, MARKERS, "DICT_4X4_50", geometry=known)
+    return plane_from_markers(
+        *(photo, lens, MARKERS, "DICT_4X4_50"),
+        string_offset_m=0.02,
+        string_offset_sd_m=1e-3,
+        workspace_m=((-0.55, 0.55), (-0.25, 0.3)),
+    )
 
 
 def near(picture: np.ndarray, place_px: np.ndarray, colour: str, reach: int = 2) -> bool:

@@ -11,7 +11,7 @@ from strandcast.camera.lens_error import lens_covariance
 from strandcast.camera.mapping import metre_to_pixel, pixel_to_metre
 from strandcast.camera.marker_pose import marker_pose
 from strandcast.camera.markers import detect_markers, marker_detector
-from strandcast.camera.plane import PlaneGeometry, _around, _camera, board_markers, plane_from_markers
+from strandcast.camera.plane import _around, _camera, board_markers, plane_from_markers
 from strandcast.camera.plane_checks import MarkerLayout, check_markers
 from strandcast.camera.plane_error import grid_over, place_sd_m, plane_error
 from strandcast.camera.pose import PlacedMarker, PoseFit, fit_pose, posed, project
@@ -115,8 +115,8 @@ def test_a_duplicate_marker_is_refused(photograph, paint_markers, looking, lens)
 
 
 def test_two_inaccurate_markers_give_a_large_standard_error(photo, lens):
-    known = PlaneGeometry(place_sd_m=1e-3, workspace_m=((-0.8, 0.8), (-0.45, 0.45)))
-    found = plane_from_markers(photo, lens, [MARKERS[1], MARKERS[4]], DICTIONARY, geometry=known)
+    known = {"place_sd_m": 1e-3, "workspace_m": ((-0.8, 0.8), (-0.45, 0.45))}
+    found = plane_from_markers(photo, lens, [MARKERS[1], MARKERS[4]], DICTIONARY, **known)
     assert found.plane_error.worst_m > 2e-3
     assert re.search(
         r"reaches [\d.]+ mm in the workspace, mostly from the markers' (corners|positions)",
@@ -370,8 +370,8 @@ def test_a_lens_with_unequal_focal_lengths_is_named(photograph, paint_markers, l
 
 
 def test_the_strings_offset_is_corrected(photo, lens, truth):
-    known = PlaneGeometry(string_offset_m=0.02, string_offset_sd_m=1e-3)
-    found = plane_from_markers(photo, lens, MARKERS, DICTIONARY, geometry=known)
+    offset = {"string_offset_m": 0.02, "string_offset_sd_m": 1e-3}
+    found = plane_from_markers(photo, lens, MARKERS, DICTIONARY, **offset)
     places = np.array([[-0.6, 0.3], [0.6, -0.3]])
     seen = metre_to_pixel(truth, places, 0.02)
     assert np.abs(pixel_to_metre(found, seen, found.string_offset_m) - places).max() < 3e-4
@@ -440,7 +440,7 @@ def test_the_corners_noise_is_not_taken_for_scatter_of_the_positions():
     """Noise of 0.5 px per corner leaves 0.25 px in the mean of a marker's four."""
     noise_px = 0.5 * np.sqrt(0.75) * np.array([1.0, -1.0, 1.0, -1.0])  # three degrees of freedom of four
     residuals_px = np.zeros((5, 4, 2)) + noise_px[:, None] + np.array([0.5, 0.0])
-    fit = PoseFit(*[np.empty(0)] * 4, residuals_px, 0.0)
+    fit = PoseFit(*[np.empty(0)] * 3, residuals_px, 0.0)
     assert fit.corner_sigma_px() == pytest.approx(0.5)
     # Five centres 0.5 px off, four degrees of freedom: 5 · 0.5² / 4 - 0.25² = 0.5².
     assert place_sd_m(fit, 0.002) == pytest.approx(0.001)
@@ -453,10 +453,10 @@ def test_a_weak_lens_gives_a_warning_with_the_error_at_the_string(photo, lens):
             update={"covariance": covariance.tolist(), "weaknesses": ["only 3 photos of the board"]}
         )
 
-    known = PlaneGeometry(workspace_m=((-0.8, 0.8), (-0.45, 0.45)))
-    found = plane_from_markers(photo, weak(0.02), MARKERS, DICTIONARY, geometry=known)
+    known = {"workspace_m": ((-0.8, 0.8), (-0.45, 0.45))}
+    found = plane_from_markers(photo, weak(0.02), MARKERS, DICTIONARY, **known)
     assert re.search(r"the lens costs up to [\d.]+ mm .*only 3 photos of the board", found.warnings[0])
-    problem = refusal(photo, weak(0.3), MARKERS, geometry=known)
+    problem = refusal(photo, weak(0.3), MARKERS, **known)
     assert problem.code == "SC-C013"
     assert "only 3 photos" in problem.what
     assert cost_mm(problem) > 5

@@ -1,7 +1,6 @@
 """The plane of motion from one photo of ArUco markers, or of a ChArUco board, of known size and position."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -30,33 +29,17 @@ SOURCES = {
 }
 
 
-@dataclass(frozen=True)
-class PlaneGeometry:
-    """The plane's geometry that the photo does not show.
-
-    Attributes
-    ----------
-    string_offset_m, string_offset_sd_m
-        Height of the string's plane above that of the markers, towards the camera; its standard deviation.
-    place_sd_m
-        Standard deviation of the markers' measured positions; by default from the residuals.
-    workspace_m
-        Region of the string: (x from, to), (y from, to); by default between the markers.
-    """
-
-    string_offset_m: float = 0.0
-    string_offset_sd_m: float = 0.0
-    place_sd_m: float | None = None
-    workspace_m: PlaneBox | None = None
-
-
 def plane_from_markers(
     grey: np.ndarray,
     lens: Lens,
     markers_world: Sequence[PlacedMarker],
     dictionary: str,
+    *,
     file: str | None = None,
-    geometry: PlaneGeometry | None = None,
+    string_offset_m: float = 0.0,
+    string_offset_sd_m: float = 0.0,
+    place_sd_m: float | None = None,
+    workspace_m: PlaneBox | None = None,
     on_board: bool = False,
 ) -> Camera:
     """Estimate the camera's pose relative to the motion plane by perspective-n-point, through the lens.
@@ -73,8 +56,12 @@ def plane_from_markers(
         Their ArUco dictionary.
     file
         The photo's name, for messages.
-    geometry
-        The plane's geometry that the photo does not show.
+    string_offset_m, string_offset_sd_m
+        Height of the string's plane above that of the markers, towards the camera; its standard deviation.
+    place_sd_m
+        Standard deviation of the markers' measured positions; by default from the residuals.
+    workspace_m
+        Region of the string: (x from, to), (y from, to); by default between the markers.
     on_board
         Whether the markers are those of a board; messages name its settings.
 
@@ -90,7 +77,6 @@ def plane_from_markers(
         SC-C012 the photo's size is not the lens calibration's; SC-C016, SC-C021 to SC-C025 as `find_markers`;
         SC-C027 as `plane_checks`; SC-C013 the lens is too uncertain.
     """
-    geometry = geometry or PlaneGeometry()
     if grey.shape != (lens.height_px, lens.width_px):
         sizes = f"{grey.shape[1]} x {grey.shape[0]} px", f"{lens.width_px} x {lens.height_px}"
         what = f"is {sizes[0]}; the lens was calibrated at {sizes[1]}"
@@ -100,13 +86,13 @@ def plane_from_markers(
     corners_px = true_corners(lens, corners_px)
     detected = [wanted[int(marker)] for marker in ids]
     fit = fit_pose(np.array([marker.corners_m() for marker in detected]), corners_px, lens)
-    camera = _camera(lens, fit, geometry.string_offset_m, dictionary)
-    box = geometry.workspace_m or _around(detected)
+    camera = _camera(lens, fit, string_offset_m, dictionary)
+    box = workspace_m or _around(detected)
     layout = MarkerLayout(detected, corners_px, camera, fit, box, file, on_board)
     size, marker_warnings = check_markers(layout)
     camera.marker_size_ratio, camera.marker_size_ratio_se = size.ratio, size.error
     camera.plane_markers = _marker_fits(layout)
-    camera.plane_error = plane_error(camera, fit, box, geometry.place_sd_m, geometry.string_offset_sd_m)
+    camera.plane_error = plane_error(camera, fit, box, place_sd_m, string_offset_sd_m)
     camera.warnings = (
         warnings
         + marker_warnings

@@ -35,10 +35,9 @@ class PlacedMarker:
 
 @dataclass(frozen=True)
 class PoseFit:
-    """A fitted pose: corners in the world (K, 4, 3) and in the picture (K, 4, 2), R, t, residuals [px]."""
+    """A fitted pose: the markers' corners in the world (K, 4, 3), R, t, and residuals [px]."""
 
     world_m: np.ndarray
-    corners_px: np.ndarray
     rotation: np.ndarray
     shift_m: np.ndarray
     residuals_px: np.ndarray  # (K, 4, 2), measured minus model
@@ -67,7 +66,7 @@ def fit_pose(world_m: np.ndarray, corners_px: np.ndarray, lens: Lens) -> PoseFit
         turn, shift = cv2.solvePnPRefineLM(*seen, turns[best], shifts[best], CRITERIA)
     rotation, shift = np.asarray(cv2.Rodrigues(turn)[0]), np.asarray(shift).reshape(3)
     residuals = corners_px - project(world_m, rotation, shift, lens)
-    return PoseFit(world_m, corners_px, rotation, shift, residuals, rms(residuals))
+    return PoseFit(world_m, rotation, shift, residuals, rms(residuals))
 
 
 def project(world_m: np.ndarray, rotation: np.ndarray, shift_m: np.ndarray, lens: Lens) -> np.ndarray:

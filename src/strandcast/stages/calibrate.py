@@ -12,12 +12,7 @@ from strandcast.camera.distortion import FISHEYE
 from strandcast.camera.lens import calibrate_lens, calibrate_lens_video
 from strandcast.camera.lens_file import read_lens
 from strandcast.camera.markers import patterned
-from strandcast.camera.plane import (
-    PlaneGeometry,
-    board_markers,
-    plane_from_markers,
-    unmeasured_offset_warnings,
-)
+from strandcast.camera.plane import board_markers, plane_from_markers, unmeasured_offset_warnings
 from strandcast.camera.pose import PlacedMarker
 from strandcast.camera.printed_board import PrintedBoard, identify_board
 from strandcast.config.camera import CameraSettings
@@ -70,17 +65,14 @@ def camera_by_markers(context: Context, files: Files) -> tuple[Camera, np.ndarra
     [picture] = read_photos_of(context, [plane])
     lens, printed = _lens(context, files)
     markers, dictionary, shown, warnings = plane_markers_of(settings.camera, picture, str(plane), printed)
+    offset_m, offset_sd_m = settings.camera.string_offset_and_sd_m
     camera = plane_from_markers(
-        shown,
-        lens,
-        markers,
-        dictionary,
+        *(shown, lens, markers, dictionary),
         file=str(plane),
-        geometry=PlaneGeometry(
-            *settings.camera.string_offset_and_sd_m,
-            settings.camera.plane.place_sd_m,
-            None if box is None else (box.x_m, box.y_m),
-        ),
+        string_offset_m=offset_m,
+        string_offset_sd_m=offset_sd_m,
+        place_sd_m=settings.camera.plane.place_sd_m,
+        workspace_m=None if box is None else (box.x_m, box.y_m),
         on_board=settings.camera.plane.board is not None,
     )
     camera.warnings = warnings + camera.warnings
