@@ -32,16 +32,8 @@ RULER_MM = 100
 def write_charuco(board: Board, path: str | Path, title: str = "ChArUco board", dpi: int = 600) -> list[Path]:
     """Write a ChArUco board at true size, on the smallest page that it fits, and return the files written.
 
-    Parameters
-    ----------
-    board
-        Sizes in metres.
-    path
-        ``.pdf`` (vector) or ``.png`` (with `dpi` in its metadata).
-    title
-        First words of the caption.
-    dpi
-        Resolution of a PNG.
+    `path` ends in ``.pdf`` (vector) or ``.png`` (with `dpi` in its metadata). The caption begins
+    with `title`.
     """
     width_mm, height_mm = board.squares_x * board.square_m * 1e3, board.squares_y * board.square_m * 1e3
     figure, axes, page_mm = _page(PAGES_MM, width_mm, height_mm)
@@ -68,7 +60,7 @@ def write_markers(
     """Write single ArUco markers at true size with ids and cutting lines, as many per A4 page as fit.
 
     Several pages become one PDF, or PNG files numbered ``name-1.png``, ``name-2.png`` …
-    Parameters as in `write_charuco`; `size_m` is the side of the black square.
+    `size_m` is the side of the black square; see `write_charuco` for the others.
     """
     if len(set(ids)) != len(ids) or not ids:
         what = f"marker ids {list(ids)} are empty or contain one twice"

@@ -29,15 +29,9 @@ MUCH_LARGER = 5  # chosen: dictionary size over the size that is enough, from wh
 def find_markers(
     grey: np.ndarray, wanted: dict[int, PlacedMarker], dictionary: str, file: str | None
 ) -> tuple[np.ndarray, np.ndarray, list[str]]:
-    """Detect the plane's markers.
+    """Return the ids (k,) of the plane's markers, ascending, their corners (k, 4, 2) [px], and warnings.
 
-    Returns
-    -------
-    ids : ndarray (k,)
-        Ascending.
-    corners_px : ndarray (k, 4, 2)
-        From lines fitted to each side.
-    warnings : list of str
+    The corners are from lines fitted to each side.
 
     Raises
     ------

@@ -102,18 +102,9 @@ def calibrate(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Fit a fisheye lens and the poses of a flat board to its corners in several pictures.
 
-    OpenCV's own calibration needs a good focal length to begin with; here several are tried.
-
-    Parameters
-    ----------
-    views
-        Corners on the board (m, 3) [m] and in the picture (m, 2) [px].
-    start
-        A matrix (3, 3) and coefficients (4,) to begin with.
-
-    Returns
-    -------
-    matrix (3, 3), coefficients (4,), poses (views, 6), standard errors (8,)
+    OpenCV's own calibration needs a good focal length to begin with; here several are tried, unless `start`
+    has a matrix (3, 3) and coefficients (4,). `views` are corners on the board (m, 3) [m] and in the picture
+    (m, 2) [px]. Returns matrix, coefficients, poses (views, 6) and standard errors (8,).
     """
     middle = [(width_px - 1) / 2.0, (height_px - 1) / 2.0]
     lenses = [[each * width_px, each * width_px, *middle, 0.0, 0.0, 0.0, 0.0] for each in FOCAL_OVER_WIDTH]

@@ -14,16 +14,8 @@ def flat_camera(
 ) -> Camera:
     """Return a camera without distortion or tilt: x_m = scale · (u − u0), y_m = −scale · (v − v0).
 
-    Parameters
-    ----------
-    width_px, height_px
-        Size of the frames.
-    scale_m_per_px
-        Metres per pixel in the plane.
-    origin_px
-        Pixel of the world's origin.
-    source
-        Origin of the scale: ``given``, ``hand`` (its markers' size), or what a tracker names, as ``arc``.
+    `origin_px` (u0, v0) is the pixel of the world's origin. `source` says where the scale is from: ``given``,
+    ``hand`` (its markers' size), or what a tracker names, as ``arc``.
     """
     focal_px = FOCAL_OVER_WIDTH * width_px
     lens = Lens(

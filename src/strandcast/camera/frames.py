@@ -21,19 +21,8 @@ def choose_frames(
 ) -> list[tuple[BoardView, BoardCorners | None]]:
     """Detect the board in every frame and keep a few that are sharp and different from each other.
 
-    Parameters
-    ----------
-    frames
-        (name, grey picture), streamed; no picture is stored.
-    board
-        As printed.
-    kept
-        Largest number of frames.
-
-    Returns
-    -------
-    list
-        The chosen frames in order; all views with their reasons if no frame qualifies.
+    `frames` (name, grey picture) are streamed, and no picture is stored. The result has at most `kept` of
+    them, in order; all views with their reasons if no frame qualifies.
     """
     views, usable, sharpness = [], [], []
     for name, grey in frames:

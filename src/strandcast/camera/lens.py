@@ -56,22 +56,14 @@ def calibrate_lens(
 ) -> tuple[Lens, PrintedBoard]:
     """Fit a lens to photos of a ChArUco board; also return the board as printed.
 
-    Parameters
-    ----------
-    images
-        (name, grey picture (height, width)), at least three usable ones with different tilts of the board.
-    board
-        As declared; its pattern and first id are as the photos show them (`identify_board`).
-    model
-        ``none``, ``k1``, ``k1k2``, ``k1k2p1p2``, ``k1k2k3p1p2``, ``rational``, ``fisheye``, or ``auto``:
-        the last where it fits better than any polynomial (`distortion.is_wide`), else one of the others,
-        chosen by cross-validation (`distortion.choose_model`).
+    The images are (name, grey picture (height, width)), at least three usable ones with different tilts of
+    the board. Pattern and first id of the board are as they show them (`identify_board`). The model is
+    ``none``, ``k1``, ``k1k2``, ``k1k2p1p2``, ``k1k2k3p1p2``, ``rational``, ``fisheye``, or ``auto``:
+    ``fisheye`` where it fits better than any polynomial (`distortion.is_wide`), else one of the others,
+    chosen by cross-validation (`distortion.choose_model`).
 
-    Returns
-    -------
-    Lens
-        With every photo's residuals [px], measured minus model, the reasons why photos were not used, and
-        the shortcomings of the photos in `weaknesses`.
+    The lens has every photo's residuals [px], measured minus model, the reasons why photos were not used, and
+    the shortcomings of the photos in `weaknesses`.
 
     Raises
     ------
@@ -92,13 +84,8 @@ def calibrate_lens_video(
 ) -> tuple[Lens, PrintedBoard]:
     """Fit a lens to a video of a slowly moving ChArUco board; as `calibrate_lens`.
 
-    Parameters
-    ----------
-    frames
-        (name, grey picture), streamed; a few per second are enough. Sharp ones with different poses of the
-        board are used.
-    board, model
-        As for photos.
+    `frames` (name, grey picture) are streamed; a few per second are enough. Sharp ones with different poses
+    of the board are used.
     """
     models = _models(model)
     frames = iter(frames)

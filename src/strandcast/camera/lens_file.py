@@ -37,12 +37,8 @@ COEFFICIENTS = 8
 def read_lens(path: Path, name: str | None = None, fisheye: bool = False) -> Lens:
     """Return the lens in a calibration file.
 
-    Parameters
-    ----------
-    name
-        Which camera, where the file has several: its section (``cam0``) or its name.
-    fisheye
-        Its four coefficients are those of a fisheye lens, though the file does not say so.
+    `name` is the camera's section (``cam0``) or its name, where the file has several. With `fisheye`, its
+    four coefficients are those of a fisheye lens, though the file does not say so.
 
     Raises
     ------

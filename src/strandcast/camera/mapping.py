@@ -10,21 +10,9 @@ CONVERGED = 1e-12  # chosen: in normalised picture coordinates, about 1e-9 px
 
 
 def metre_to_pixel(camera: Camera, xy_m: np.ndarray, offset_m: float = 0.0) -> np.ndarray:
-    """Project points of the motion plane into the picture.
+    """Return the pixels (..., 2) of points (..., 2) [m] of the motion plane; NaN behind the camera.
 
-    Parameters
-    ----------
-    camera
-        Lens and pose.
-    xy_m
-        (..., 2), world metres.
-    offset_m
-        Height of the points above the plane of the markers, towards the camera.
-
-    Returns
-    -------
-    ndarray (..., 2)
-        Pixels; NaN behind the camera.
+    `offset_m` is the height of the points above the plane of the markers, towards the camera.
     """
     xy_m = np.asarray(xy_m, float)
     rotation, shift = np.array(camera.rotation), np.array(camera.translation_m)

@@ -42,25 +42,12 @@ def marker_pose(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Fit the rigid square to its corners in the plane `offset_m` in front of the markers' plane.
 
-    Parameters
-    ----------
-    camera
-        Lens and pose.
-    corners_px
-        (..., 4, 2), top left, top right, bottom right, bottom left as printed.
-    size_m
-        Side of the black square.
-    offset_m
-        Height of this marker above the plane's markers, towards the camera.
-    sigma_px
-        Lower bound of a corner's error, as residuals may be small by chance.
+    The corners (..., 4, 2) are top left, top right, bottom right, bottom left as printed; `size_m` is the
+    side of the black square, `offset_m` its height above the plane's markers, towards the camera. `sigma_px`
+    is the lower bound of a corner's error, as residuals may be small by chance.
 
-    Returns
-    -------
-    pose : ndarray (..., 3)
-        x_m, y_m, angle_rad of the marker (0: printed upright).
-    sigma_m : ndarray (...)
-        Standard error of the position, from the corners' residuals.
+    Returns the pose (..., 3), x_m, y_m and angle_rad (0: printed upright), and the standard error (...) of
+    the position, from the corners' residuals.
     """
     corners_m = pixel_to_metre(camera, true_corners(camera.lens, corners_px), offset_m)
     centre = corners_m.mean(axis=-2)

@@ -15,19 +15,8 @@ OUTLIER_PX = 0.6  # chosen: distance of an edge point from the fitted line
 def refine_square(image: np.ndarray, corners: np.ndarray, cells: int) -> np.ndarray:
     """Return the corners (4, 2) [px] of a dark square on white from lines fitted to its sides.
 
-    Parameters
-    ----------
-    image
-        Grey picture.
-    corners
-        Corners (4, 2), accurate to a pixel or two, in order around the square.
-    cells
-        Cells along a side: the edge is searched within half a cell.
-
-    Returns
-    -------
-    ndarray (4, 2)
-        NaN if a side is not visible.
+    The given `corners` (4, 2) are accurate to a pixel or two, in order around the square. Along a side lie so
+    many `cells`: the edge is searched within half of one. NaN if a side is not visible.
     """
     refined = corners.copy()
     for _ in range(2):

@@ -107,20 +107,10 @@ def marker_detector(dictionary: str) -> cv2.aruco.ArucoDetector:
 
 
 def detect_markers(grey: np.ndarray, detector: cv2.aruco.ArucoDetector) -> tuple[np.ndarray, np.ndarray]:
-    """Detect markers in a picture.
+    """Return the ids (k,) and corners (k, 4, 2) [px] of the markers in a grey picture (height, width).
 
-    Parameters
-    ----------
-    grey
-        (height, width), uint8; uint16 is scaled to its own full range.
-    detector
-        From `marker_detector`; build it once for many frames.
-
-    Returns
-    -------
-    ids : ndarray (found,)
-    corners : ndarray (found, 4, 2)
-        Pixels; top left, top right, bottom right, bottom left as printed.
+    Corners are top left, top right, bottom right, bottom left as printed. A detector (`marker_detector`) is
+    built once for many frames.
     """
     corners, ids, _ = detector.detectMarkers(eight_bit(grey))
     if ids is None or len(ids) == 0:

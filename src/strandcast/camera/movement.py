@@ -26,31 +26,16 @@ PAIRS = 100  # chosen: of markers, tried in turn; more than the 28 of 8 markers
 
 @dataclass(frozen=True)
 class CameraMovement:
-    """The displacement of the plane's markers in a frame relative to their photo.
+    """The shift, rotation and zoom of the plane's markers in a frame relative to their photo."""
 
-    Attributes
-    ----------
-    displacement_px, displacement_m
-        Root mean square displacement over the markers, in the picture and at the string, of the shift,
-        rotation and zoom fitted to the markers' centres.
-    sigma_px
-        Its standard error; without movement the displacement is about as large.
-    shift_px, rotation_rad, zoom
-        Components of the movement; `shift_px` (u, v) at the centre of the markers.
-    markers
-        Markers used in the fit.
-    own_movement_px
-        Displacements of markers that moved relative to the others.
-    """
-
-    displacement_px: float
-    displacement_m: float
-    sigma_px: float
-    shift_px: tuple[float, float]
+    displacement_px: float  # root mean square over the markers' centres, as fitted
+    displacement_m: float  # the same at the string
+    sigma_px: float  # its standard error; without movement the displacement is about as large
+    shift_px: tuple[float, float]  # (u, v) at the centre of the markers
     rotation_rad: float
     zoom: float
-    markers: list[int]
-    own_movement_px: dict[int, float] = field(default_factory=dict)
+    markers: list[int]  # used in the fit
+    own_movement_px: dict[int, float] = field(default_factory=dict)  # of markers that moved by themselves
 
     @property
     def significance(self) -> float:
@@ -61,17 +46,8 @@ class CameraMovement:
 def find_movement(camera: Camera, grey: np.ndarray) -> CameraMovement | None:
     """Compare the plane's markers in a frame with the photo used for calibration.
 
-    Parameters
-    ----------
-    camera
-        From `plane_from_markers`.
-    grey
-        A frame (height, width) of the throw, as large as the photo.
-
-    Returns
-    -------
-    CameraMovement or None
-        None if fewer than two of the markers are detected or the camera has none.
+    The frame (height, width) is as large as that photo. None if fewer than two of the markers are detected
+    or the camera has none.
     """
     known = {fit.marker: np.array(fit.residuals_px)[:, :2] for fit in camera.plane_markers}
     if camera.dictionary is None or len(known) < 2:
@@ -142,12 +118,7 @@ def check_movement(
 ) -> list[str]:
     """Check that the camera did not move; return warnings: it moved by less than a pixel, or a marker moved.
 
-    Parameters
-    ----------
-    movements
-        Frames and the results of `find_movement` in them.
-    file
-        The video, for messages.
+    `movements` are numbers of frames with the results of `find_movement`; `file` is the video.
 
     Raises
     ------

@@ -46,24 +46,17 @@ def plane_from_markers(
 
     Parameters
     ----------
-    grey
-        Photo (height, width) of the plane, taken with the position and mode used for filming.
-    lens
-        From `calibrate_lens`.
-    markers_world
-        The markers as placed: world metres, x right, y up, rotation counter-clockwise.
-    dictionary
-        Their ArUco dictionary.
-    file
-        The photo's name, for messages.
+    grey, file
+        Photo (height, width) of the plane, taken with the position and mode used for filming; its name.
+    markers_world, on_board
+        The markers as placed: world metres, x right, y up, rotation counter-clockwise. Whether they are those
+        of a board: messages name its settings.
     string_offset_m, string_offset_sd_m
         Height of the string's plane above that of the markers, towards the camera; its standard deviation.
     place_sd_m
         Standard deviation of the markers' measured positions; by default from the residuals.
     workspace_m
         Region of the string: (x from, to), (y from, to); by default between the markers.
-    on_board
-        Whether the markers are those of a board; messages name its settings.
 
     Returns
     -------

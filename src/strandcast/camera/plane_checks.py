@@ -52,12 +52,7 @@ class MarkerLayout:
 def check_markers(layout: MarkerLayout) -> tuple[SizeFit, list[str]]:
     """Compare the markers with their declared size and positions.
 
-    Returns
-    -------
-    size
-        Estimated from the markers' distances.
-    warnings
-        Small deviations and the errors they cause.
+    Return their size by their distances, and warnings of small deviations with the errors that they cause.
 
     Raises
     ------

@@ -55,16 +55,8 @@ def plane_error(
     To first order. An error of the lens displaces a point directly and, in the opposite direction, through
     the pose fitted with that lens; errors of corners and marker positions act through the pose.
 
-    Parameters
-    ----------
-    camera, fit
-        As fitted, with the covariance of the lens.
-    box
-        The workspace [m].
-    place_m
-        Standard deviation of the markers' measured positions; by default from the residuals.
-    offset_sd_m
-        Standard deviation of the height of the string's plane above the markers'.
+    `box` is the workspace [m]. `place_m` is the standard deviation of the markers' measured positions, by
+    default from the residuals, and `offset_sd_m` that of the height of the string's plane above the markers'.
     """
     place = place_sd_m(fit, camera.scale_m_per_px) if place_m is None else place_m
     sigma_px = max(fit.corner_sigma_px(), MIN_CORNER_SIGMA_PX)

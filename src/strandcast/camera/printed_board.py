@@ -41,23 +41,14 @@ Seen = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 @dataclass(frozen=True)
 class PrintedBoard:
-    """The board with its pattern, and warnings where it is not as declared.
-
-    Attributes
-    ----------
-    of_size
-        The warnings about the sizes of markers and squares.
-    is_shown
-        All its rows and columns are in a photo.
-    is_open
-        Its pattern is not the usual one, and its rows and columns that no photo shows might be others.
-    """
+    """The board with its pattern, and warnings where it is not as declared."""
 
     board: PatternedBoard
     warnings: list[str]
     white_on_black: bool = False
-    of_size: Sequence[str] = ()
-    is_shown: bool = False
+    of_size: Sequence[str] = ()  # the warnings about the sizes of markers and squares
+    is_shown: bool = False  # all its rows and columns are in a photo
+    # Its pattern is not the usual one, and its rows and columns that no photo shows might be others.
     is_open: bool = False
 
     def black_on_white(self, grey: np.ndarray) -> np.ndarray:
@@ -91,18 +82,10 @@ class MarkerOrder:
 
 @dataclass(frozen=True)
 class PossibleBoard:
-    """A board with the declared squares on which the markers seen are in their places.
+    """A board with the declared squares on which the markers seen are in their places."""
 
-    Attributes
-    ----------
-    board
-        With its own pattern and first id.
-    unseen_rows, unseen_columns
-        Rows and columns of it in which no marker was seen.
-    """
-
-    board: PatternedBoard
-    unseen_rows: list[int]
+    board: PatternedBoard  # with its own pattern and first id
+    unseen_rows: list[int]  # rows and columns of it in which no marker was seen
     unseen_columns: list[int]
 
     def likeness(self, seen: Sequence[Seen]) -> list[float]:

@@ -9,22 +9,11 @@ from strandcast.camera import fisheye
 def project_points(
     world_m: np.ndarray, turn: np.ndarray, shift_m: np.ndarray, matrix: np.ndarray, distortion: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Project points through a lens.
+    """Return the pixels (m, 2) of points (..., 3) [m] through a lens, and their Jacobian.
 
-    Parameters
-    ----------
-    world_m
-        (..., 3) [m].
-    turn, shift_m
-        Rotation vector (3,) and translation (3,) [m], world to camera.
-    matrix, distortion
-        (3, 3) and (4,), (5,) or (8,).
-
-    Returns
-    -------
-    pixels : ndarray (m, 2)
-    jacobian : ndarray (2m, 10 + coefficients)
-        By rotation, translation, fx, fy, cx, cy and the coefficients.
+    `turn` (3,), a rotation vector, and `shift_m` (3,) are from the world to the camera; `distortion` has 4, 5
+    or 8 coefficients. The Jacobian (2m, 10 + coefficients) is by rotation, translation, fx, fy, cx, cy and
+    the coefficients.
     """
     if fisheye.is_fisheye(distortion):
         return fisheye.project(world_m, turn, shift_m, matrix, distortion)

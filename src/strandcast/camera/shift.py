@@ -15,19 +15,9 @@ WARNING_PX = 0.5  # chosen: films of a still camera give 0.014 px at most
 def find_shift(camera: Camera, before: np.ndarray, after: np.ndarray) -> CameraMovement | None:
     """Compare two pictures of one scene, part by part.
 
-    Parameters
-    ----------
-    camera
-        For the scale.
-    before, after
-        Grey pictures (height, width) of one size, medians over frames: noise that two frames share, as
-        some sensors' and coders', would count as texture.
-
-    Returns
-    -------
-    CameraMovement or None
-        `markers` are numbers of parts. None if less than half of the parts moved as one: the scene has too
-        little texture, or too much of it moves.
+    The grey pictures (height, width) are medians over frames: noise that two frames share, as some sensors'
+    and coders', would count as texture. `markers` of the result are numbers of parts. None if less than half
+    of the parts moved as one: the scene has too little texture, or too much of it moves.
     """
     height, width = before.shape[0] // DOWN, before.shape[1] // ACROSS
     taper = np.outer(np.hanning(height), np.hanning(width))

@@ -40,12 +40,8 @@ def stereo_pose(
 ) -> StereoPose:
     """Fit the pose of the second camera relative to the first; both lenses stay as they are.
 
-    Parameters
-    ----------
-    photos
-        Grey pictures (height, width) of both cameras at one instant each, three pairs or more.
-    board
-        As printed; its pattern and first id are as the first camera's photos show them.
+    `photos` are grey pictures (height, width) of both cameras at one instant each, three pairs or more. The
+    pattern and the first id of the board are as the first camera's show them.
 
     Raises
     ------

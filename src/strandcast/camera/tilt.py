@@ -38,23 +38,10 @@ def fit_plane_tilt(
     """Fit the plane in which a marker moved to its apparent size along the path.
 
     A marker appears larger by 0.44 % per 10 mm at 2.3 m. One detection gives its height to centimetres,
-    hundreds along the path give a plane to millimetres.
+    hundreds along the path give a plane to millimetres; fewer than 20 give none.
 
-    Parameters
-    ----------
-    camera
-        Lens and pose.
-    corners_px
-        (F, 4, 2), the marker's corners in each frame; NaN if not detected.
-    size_m
-        Side of its black square.
-    offset_m
-        Its declared height above the plane's markers.
-
-    Returns
-    -------
-    PlaneTilt or None
-        None for fewer than 20 detections.
+    `corners_px` (F, 4, 2) are the marker's in each frame, NaN if not detected; `size_m` is the side of its
+    black square, `offset_m` its declared height above the plane's markers.
     """
     good = np.isfinite(corners_px).all(axis=(1, 2))
     if good.sum() < MIN_DETECTIONS:
