@@ -5,13 +5,12 @@ import numpy as np
 import pytest
 
 from strandcast.camera.boards import write_charuco
-from strandcast.camera.distinct_poses import pose_groups
 from strandcast.camera.distortion import MODELS, choose_model, fit_lens, smallest_as_good
 from strandcast.camera.lens import calibrate_lens, calibrate_lens_video
 from strandcast.camera.lens_error import lens_covariance, repeat_inflation
 from strandcast.camera.markers import detect_markers, marker_detector, opencv_board, patterned
 from strandcast.camera.printed_board import identify_board
-from strandcast.camera.views import BoardCorners, board_corners
+from strandcast.camera.views import BoardCorners, board_corners, pose_groups
 from strandcast.config.camera import Board
 from strandcast.errors import StrandcastError
 from strandcast.records.camera import Lens

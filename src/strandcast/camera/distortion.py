@@ -143,7 +143,7 @@ def choose_model(
     """Return the smallest model that predicts held-out photos as well as the best one, and all trials.
 
     Each photo is predicted by a lens fitted without it and without those of the same pose, by `groups`
-    (`distinct_poses.pose_groups`); only its pose is fitted to it. Models are compared
+    (`views.pose_groups`); only its pose is fitted to it. Models are compared
     photo by photo, by the logarithm of their mean squares, so a steep view with large residuals counts no
     more than a good one. A model is as good as the best if its mean is within one standard error. The
     rational model extrapolates badly, so it must be better by two standard errors and by 5 %. Models that

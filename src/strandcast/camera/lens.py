@@ -7,7 +7,6 @@ from itertools import chain, islice
 import cv2
 import numpy as np
 
-from strandcast.camera.distinct_poses import pose_groups
 from strandcast.camera.distortion import (
     FISHEYE,
     LARGEST_POLYNOMIAL,
@@ -24,7 +23,7 @@ from strandcast.camera.lens_error import lens_covariance, repeat_inflation
 from strandcast.camera.markers import patterned
 from strandcast.camera.pose import rms
 from strandcast.camera.printed_board import TRIED, PrintedBoard, identify_board
-from strandcast.camera.views import BoardCorners, board_corners, check_sizes
+from strandcast.camera.views import BoardCorners, board_corners, check_sizes, pose_groups
 from strandcast.config.camera import Board
 from strandcast.errors import StrandcastError
 from strandcast.records.camera import BoardView, Coverage, Lens, ModelTrial

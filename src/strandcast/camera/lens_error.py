@@ -21,7 +21,7 @@ def lens_covariance(
 
     k1, k2, p1 and p2 are free here even if the fit has fewer: a coefficient that was not worth fitting is
     not known to be zero. Weak priors keep undetermined parameters finite. Photos of one pose, by `groups`
-    (`distinct_poses.pose_groups`), count as one.
+    (`views.pose_groups`), count as one.
     """
     names = fit.names()
     free = np.array([name in ALWAYS_FREE + fit.free() for name in names])

@@ -1,4 +1,4 @@
-"""The board's corners in photos, with subpixel precision, or the reason why there are too few."""
+"""The board's corners in photos, or the reason why there are too few; the photos grouped by pose."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,6 +12,11 @@ from strandcast.errors import StrandcastError
 from strandcast.records.camera import BoardView
 
 MIN_CORNERS = 8  # chosen: in a photo that is used
+# Chosen: rms displacement of the shared corners, relative to the board's extent in the picture, up to which
+# two photos show one pose. A board on a stand stays within 0.1 %; a tilt by 5 degrees moves its corners by
+# about 1 %, but a tilt also moves the board's centre, so that 1 % separates deliberate poses.
+SAME_POSE = 0.01
+LEAST_SHARED = 4  # corners that both photos must show to be compared
 
 
 @dataclass(frozen=True)
@@ -59,3 +64,30 @@ def board_corners(name: str, grey: np.ndarray, board: Board) -> tuple[BoardView,
 def _on_one_line(places_m: np.ndarray) -> bool:
     widths = np.linalg.svd(places_m - places_m.mean(axis=0), compute_uv=False)
     return bool(widths[1] < 1e-6 * max(widths[0], 1e-12))
+
+
+def pose_groups(views: Sequence[BoardCorners]) -> np.ndarray:
+    """Return the number of the distinct pose of each photo (n,), counted from 0 in the photos' order.
+
+    Repeated photos of one pose share its errors and count once. A photo belongs to the first earlier photo,
+    itself the first of its pose, that it repeats: a slow film of a moving board is not chained into one pose.
+    """
+    groups = np.empty(len(views), int)
+    first: list[BoardCorners] = []
+    for place, view in enumerate(views):
+        repeated = (number for number, other in enumerate(first) if _same_pose(view, other))
+        groups[place] = next(repeated, len(first))
+        if groups[place] == len(first):
+            first.append(view)
+    return groups
+
+
+def _same_pose(one: BoardCorners, other: BoardCorners) -> bool:
+    """Return whether the corners shown in both photos are at the same places in the picture."""
+    same = np.linalg.norm(one.board_m[:, None] - other.board_m[None], axis=2) < 1e-9
+    mine, theirs = np.nonzero(same)
+    if len(mine) < LEAST_SHARED:
+        return False
+    moved_px = one.picture_px[mine] - other.picture_px[theirs]
+    extent_px = np.linalg.norm(np.ptp(one.picture_px, axis=0))
+    return bool(np.sqrt((moved_px**2).sum(axis=1).mean()) < SAME_POSE * extent_px)
