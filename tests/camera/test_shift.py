@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from strandcast.camera.flat import flat_camera
-from strandcast.camera.shift import find_shift, shift_warnings
+from strandcast.camera.movement import find_shift, shift_warnings
 from strandcast.tracking.scene_checks import movement_warnings
 
 HEIGHT, WIDTH, ROOM = 240, 320, 30

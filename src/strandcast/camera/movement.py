@@ -1,4 +1,4 @@
-"""Detection of camera movement since the photo of the plane, from the plane's markers in a frame."""
+"""Detection of camera movement: from the plane's markers in a frame, or from the scene itself."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 from skimage.measure import ransac
+from skimage.registration import phase_cross_correlation
 from skimage.transform import SimilarityTransform
 
 from strandcast.camera.find_markers import refine_corners
@@ -22,6 +23,11 @@ RIGID_PX = 0.7  # chosen: largest rms of corner displacements about their mean; 
 OWN_MOVEMENT_PX = 0.5  # chosen: deviation from the others' movement above which a marker itself moved
 PERSPECTIVE_SHARE = 0.05  # chosen: of the movement, by which it differs between corners of the picture
 PAIRS = 100  # chosen: of markers, tried in turn; more than the 28 of 8 markers
+# Of the scene, where no marker of the plane shows the movement.
+DOWN, ACROSS = 3, 4  # chosen: parts of the picture, each compared alone
+LEAST_PARTS = 7  # chosen: more than half; in the others the arm moves, or there is nothing to compare
+UPSAMPLED = 20  # parts of a pixel to which a shift is resolved
+SHIFT_WARNING_PX = 0.5  # chosen: films of a still camera give 0.014 px at most
 
 
 @dataclass(frozen=True)
@@ -158,3 +164,35 @@ def _marker_warnings(movements: Sequence[tuple[int, CameraMovement]]) -> list[st
                 "others have not"
             )
     return warnings
+
+
+def find_shift(camera: Camera, before: np.ndarray, after: np.ndarray) -> CameraMovement | None:
+    """Compare two pictures of one scene, part by part.
+
+    The grey pictures (height, width) are medians over frames: noise that two frames share, as some sensors'
+    and coders', would count as texture. `markers` of the result are numbers of parts. None if less than half
+    of the parts moved as one: the scene has too little texture, or too much of it moves.
+    """
+    height, width = before.shape[0] // DOWN, before.shape[1] // ACROSS
+    taper = np.outer(np.hanning(height), np.hanning(width))
+    corners = [(row * height, column * width) for row in range(DOWN) for column in range(ACROSS)]
+    steps = []
+    for top, left in corners:
+        part = np.s_[top : top + height, left : left + width]
+        now, then = (taper * (picture[part] - picture[part].mean()) for picture in (after, before))
+        # Without the normalisation: it weighs all frequencies alike, and most hold noise only.
+        shift = phase_cross_correlation(now, then, upsample_factor=UPSAMPLED, normalization=None)[0]
+        steps.append(shift[::-1])
+    middles = np.array(corners)[:, ::-1] + 0.5 * np.array([width, height])
+    moved = fit_movement(camera, list(range(len(corners))), middles, middles + np.array(steps))
+    return moved if len(moved.markers) >= LEAST_PARTS else None
+
+
+def shift_warnings(
+    camera: Camera, before: np.ndarray, after: np.ndarray, frame: int, since: str
+) -> list[str]:
+    """Return a warning if the camera moved between two pictures: the first is `since`, the second `frame`."""
+    moved = find_shift(camera, before, after)
+    if moved is None or moved.displacement_px < SHIFT_WARNING_PX or moved.significance < SIGNIFICANT:
+        return []
+    return [": ".join(filter(None, movement_text(frame, moved, since)))]

@@ -6,8 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from strandcast.camera.markers import eight_bit
-from strandcast.camera.movement import check_movement, find_movement
-from strandcast.camera.shift import shift_warnings
+from strandcast.camera.movement import check_movement, find_movement, shift_warnings
 from strandcast.camera.tilt import PlaneTilt, fit_plane_tilt
 from strandcast.errors import StrandcastError
 from strandcast.records.camera import Camera
