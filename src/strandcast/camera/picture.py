@@ -90,24 +90,25 @@ def _draw_grid(axes: Any, camera: Camera, box: PlaneBox) -> float:
             line = metre_to_pixel(camera, places, camera.string_offset_m)
             heavy = index == 0
             axes.plot(*line.T, color=GRID, linewidth=2.4 if heavy else 1.2, alpha=1.0 if heavy else 0.85)
-            _label(axes, line[0], f"{index * step_m:g}", axis)
+            # Slightly outside the line's lower or left end.
+            shift, align = ((0, -5), "center top") if axis == 0 else ((-5, 0), "right center")
+            _write(axes, f"{index * step_m:g}", line[0], shift, align, color=GRID, annotation_clip=True)
     _name_axes(axes, camera, box)
     return step_m
-
-
-def _label(axes: Any, place_px: np.ndarray, text: str, axis: int) -> None:
-    """Write a coordinate slightly outside the line's lower or left end."""
-    shift, across, up = ((0, -5), "center", "top") if axis == 0 else ((-5, 0), "right", "center")
-    style = {"color": GRID, "path_effects": CASING, "annotation_clip": True}
-    axes.annotate(text, place_px, shift, textcoords="offset points", ha=across, va=up, **style)
 
 
 def _name_axes(axes: Any, camera: Camera, box: PlaneBox) -> None:
     places = np.array([[box[0][1], box[1][0]], [box[0][0], box[1][1]]])
     right, top = metre_to_pixel(camera, places, camera.string_offset_m)
-    style = {"textcoords": "offset points", "color": GRID, "path_effects": CASING, "fontweight": "bold"}
-    axes.annotate("x [m] →", right, (-8, 5), ha="right", va="bottom", **style)
-    axes.annotate("y [m] ↑", top, (-4, 8), ha="left", va="bottom", **style)
+    _write(axes, "x [m] →", right, (-8, 5), "right bottom", color=GRID, fontweight="bold")
+    _write(axes, "y [m] ↑", top, (-4, 8), "left bottom", color=GRID, fontweight="bold")
+
+
+def _write(axes: Any, text: str, place: Any, shift: tuple[int, int], align: str, **style: Any) -> None:
+    """Write a text on a dark outline, shifted from a place (u, v) [px] by points (right, up)."""
+    across, up = align.split()
+    style |= {"textcoords": "offset points", "ha": across, "va": up, "path_effects": CASING}
+    axes.annotate(text, place, shift, **style)
 
 
 def _draw_markers(axes: Any, camera: Camera, width: int) -> float:
@@ -121,10 +122,7 @@ def _draw_markers(axes: Any, camera: Camera, width: int) -> float:
         axes.plot(*ring.T, color=BACK, linewidth=3.4)
         axes.plot(*ring.T, color=MARKER, linewidth=1.8)
         above = (float(corners[:, 0].mean()), float(corners[:, 1].min()))
-        style = {"color": MARKER, "fontweight": "bold", "path_effects": CASING}
-        axes.annotate(
-            str(fit.marker), above, (0, 7), textcoords="offset points", ha="center", va="bottom", **style
-        )
+        _write(axes, str(fit.marker), above, (0, 7), "center bottom", color=MARKER, fontweight="bold")
     flat = rows.reshape(-1, 4)
     axes.quiver(*flat.T, scale=1.0 / gain, edgecolor=BACK, linewidth=0.6, zorder=4, **ARROWS)
     return gain
@@ -140,9 +138,8 @@ def _draw_errors(axes: Any, camera: Camera) -> None:
         place = np.array([error.x_m[column], error.y_m[row]])
         u, v = metre_to_pixel(camera, place, camera.string_offset_m)
         axes.plot(u, v, "o", markersize=5, color=ERROR, markeredgecolor=BACK, zorder=5)
-        style = {"color": ERROR, "ha": "left", "va": "bottom", "path_effects": CASING, "zorder": 5}
         label = f"±{error.sigma_m[row][column] * 1e3:.2f}"
-        axes.annotate(label, (u, v), (6, 5), textcoords="offset points", **style)
+        _write(axes, label, (u, v), (6, 5), "left bottom", color=ERROR, zorder=5)
 
 
 def _write_strip(strip: Any, camera: Camera, step_m: float, gain: float, zoom: float) -> None:
