@@ -20,24 +20,12 @@ TYPICAL_SIZES = np.array([[GRASP_ANGLE_RAD, GRASP_LENGTH_M, SWAY_RAD, SWAY_RAD_S
 
 @dataclass(frozen=True, eq=False)
 class Disturbances:
-    """Disturbances of B throws.
+    """Disturbances of B throws."""
 
-    Attributes
-    ----------
-    clamp_turn_rad
-        (B,) turn of the string in the clamp [rad].
-    longer_m
-        (B,) length that hangs out of the clamp beyond the nominal one [m].
-    sway
-        (B, 2) turn of the string about the hand at the start [rad], and its rate [rad/s].
-    joint_zero_rad
-        (B, J) error of the joints' zero positions, added to their angles [rad]; (B, 0) for none.
-    """
-
-    clamp_turn_rad: np.ndarray
-    longer_m: np.ndarray
-    sway: np.ndarray
-    joint_zero_rad: np.ndarray
+    clamp_turn_rad: np.ndarray  # (B,) turn of the string in the clamp
+    longer_m: np.ndarray  # (B,) length that hangs out of the clamp beyond the nominal one
+    sway: np.ndarray  # (B, 2) turn of the string about the hand at the start [rad], and its rate [rad/s]
+    joint_zero_rad: np.ndarray  # (B, J) error of the joints' zeros, added to their angles; (B, 0) for none
 
     @classmethod
     def none(cls, count: int) -> Disturbances:

@@ -10,25 +10,13 @@ from pydantic import ConfigDict, Field
 class HandMarker:
     """An ArUco marker on the hand.
 
-    Attributes
-    ----------
-    id
-        Its number in the dictionary.
-    size_m
-        Side of the black square [m].
-    place_m
-        (x, y) of its centre in the hand's frame [m]: origin where the string leaves the clamp, x along the
-        string as clamped.
-    angle_rad
-        Direction of its own x axis in the hand's frame [rad].
-    offset_m
-        Height above the plane of motion, towards the camera [m].
+    The hand's frame has its origin where the string leaves the clamp, and x along the string as clamped.
     """
 
     __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(extra="forbid", allow_inf_nan=False)
 
-    id: Annotated[int, Field(ge=0)]
-    size_m: Annotated[float, Field(gt=0)]
-    place_m: tuple[float, float]
-    angle_rad: float = 0.0
-    offset_m: float = 0.0
+    id: Annotated[int, Field(ge=0)]  # in the dictionary
+    size_m: Annotated[float, Field(gt=0)]  # side of the black square
+    place_m: tuple[float, float]  # (x, y) of its centre in the hand's frame
+    angle_rad: float = 0.0  # of its own x axis in the hand's frame
+    offset_m: float = 0.0  # height above the plane of motion, towards the camera

@@ -10,18 +10,10 @@ import numpy as np
 
 @dataclass(frozen=True, eq=False)
 class Pose:
-    """One pose, or an array of poses.
+    """One pose, or an array of poses."""
 
-    Attributes
-    ----------
-    position_m
-        (..., 2) origin of the frame in the world [m].
-    angle_rad
-        (...) direction of the frame's x axis [rad].
-    """
-
-    position_m: np.ndarray
-    angle_rad: np.ndarray
+    position_m: np.ndarray  # (..., 2) origin of the frame in the world
+    angle_rad: np.ndarray  # (...) direction of the frame's x axis
 
     @classmethod
     def from_array(cls, values: np.ndarray) -> Pose:

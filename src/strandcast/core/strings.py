@@ -221,32 +221,22 @@ UNKNOWNS = {row.name: row for row in _ROWS}
 
 @dataclass(frozen=True, eq=False)
 class StringBatch:
-    """A batch of B strings; where they are ranked, the best comes first. `strings[name]` is an unknown, (B,).
+    """A batch of B strings; where they are ranked, the best comes first.
 
-    Attributes
-    ----------
-    parameters
-        (B, 10) in the order of `PARAMETERS`.
-    masses
-        (B, n) relative masses of points 1…n.
-    values
-        Name to (B,) values of the unknowns that are not absent, see `UNKNOWNS`; others are ignored.
-    bend_factor
-        (B, n) multiplier of bending at joints 0…n-1, without that of `values`; 1 if not given.
-    stiff_joints
-        (n,) True for the joints of the stiff sections; none if not given.
-    free_masses
-        (B, w) the free masses of the layout from which `masses` were made; (B, 0) if not given.
-    disturbances
-        Of the throw that each string is in; none if not given.
+    `strings[name]` is an unknown, (B,).
     """
 
-    parameters: np.ndarray
-    masses: np.ndarray
+    parameters: np.ndarray  # (B, 10) in the order of `PARAMETERS`
+    masses: np.ndarray  # (B, n) relative masses of points 1…n
+    # Name to (B,) values of the unknowns that are not absent, see `UNKNOWNS`; others are ignored.
     values: Mapping[str, np.ndarray] = field(default_factory=dict)
+    # (B, n) multiplier of bending at joints 0…n-1, without that of `values`; 1 if not given.
     bend_factor: np.ndarray = field(default_factory=lambda: np.ones((0, 0)))
+    # (n,) True for the joints of the stiff sections; none if not given.
     stiff_joints: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=bool))
+    # (B, w) the free masses of the layout from which `masses` were made; (B, 0) if not given.
     free_masses: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
+    # Of the throw that each string is in; none if not given.
     disturbances: Disturbances = field(default_factory=lambda: Disturbances.none(0))
 
     def __post_init__(self) -> None:

@@ -14,16 +14,9 @@ class JointTrajectory:
 
     Controllers interpolate the same way (ROS' joint_trajectory_controller, UR's client library). Before its
     first sample and after its last the trajectory stands still.
-
-    Attributes
-    ----------
-    time_s
-        (T,) rising [s].
-    q_rad, qd_rad_s, qdd_rad_s2
-        (T, J) angles, speeds and accelerations.
     """
 
-    time_s: np.ndarray
+    time_s: np.ndarray  # (T,) rising; the others (T, J)
     q_rad: np.ndarray
     qd_rad_s: np.ndarray
     qdd_rad_s2: np.ndarray

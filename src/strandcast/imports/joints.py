@@ -51,57 +51,28 @@ IMPORTED = "import: "  # start of an imported run's driver name
 
 @dataclass(frozen=True)
 class Played:
-    """What was played on an arm.
+    """What was played on an arm."""
 
-    Attributes
-    ----------
-    motion
-        The motion beside the raw files, if there is one.
-    arm
-        The arm.
-    plans
-        The motions that were planned for this throw, by path: if the log is that of one of them, that counts.
-    others
-        The experiment's other motions by path, which it should not be.
-    is_rehearsal
-        The log is of no use without its motion.
-    """
-
-    motion: Motion | None
+    motion: Motion | None  # beside the raw files, if there is one
     arm: Arm
-    is_rehearsal: bool = False
+    is_rehearsal: bool = False  # the log is of no use without its motion
+    # The motions that were planned for this throw, by path: if the log is that of one of them, that counts.
     plans: Mapping[Path, Motion] = field(default_factory=dict)
+    # The experiment's other motions by path, which it should not be.
     others: Mapping[str, Motion] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
 class Reading:
-    """How to read a log that does not describe itself.
+    """How to read a log that does not describe itself."""
 
-    Attributes
-    ----------
-    dialect
-        ``auto``, ``libfranka``, ``ur_rtde`` or ``ur``; ignored for a bag and with a mapping.
-    mapping
-        The columns of a log without a known dialect.
-    topic, clock
-        Of a ROS bag: by default the only topic with joints; the stamp in each message's header, or the time
-        at which the recorder received it.
-    degrees
-        The angles are in degrees.
-    sync_output
-        Number of the digital output that carries the sync event, in the column of outputs.
-    rate_hz
-        Rows per second of a log without a column of the time.
-    """
-
-    dialect: str = "auto"
-    mapping: JointMapping | None = None
-    topic: str | None = None
-    clock: Clock = "header"
-    degrees: bool = False
-    sync_output: int | None = None
-    rate_hz: float | None = None
+    dialect: str = "auto"  # or one of `dialects.DIALECTS`; ignored for a bag and with a mapping
+    mapping: JointMapping | None = None  # the columns of a log without a known dialect
+    topic: str | None = None  # of a ROS bag: by default the only one with joints
+    clock: Clock = "header"  # its stamp in each message's header, or when the recorder received it
+    degrees: bool = False  # whether the angles are
+    sync_output: int | None = None  # the digital output with the sync event, in the column of outputs
+    rate_hz: float | None = None  # rows per second of a log without a column of the time
 
 
 def import_joints(

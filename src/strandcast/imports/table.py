@@ -26,34 +26,23 @@ def _part_of(name: str) -> tuple[str, str] | None:
 
 @dataclass(frozen=True)
 class NumberTable:
-    """Named columns of numbers: values (rows, columns), NaN where a cell is empty; the line of each row.
-
-    Attributes
-    ----------
-    problems
-        By its number from 0, why a column is not one of numbers: an error only where the column is used.
-    notes
-        Remarks for the user.
-    instants
-        Numbers of the columns that are seconds, whatever unit of time is given.
-    maker, time, rate_hz, length_unit, up
-        What a capture's file says of itself: whose it is, its column of the time with the unit [s], rows per
-        second, and the axis that points up by the maker's convention.
-    """
+    """Named columns of numbers: values (rows, columns), NaN where a cell is empty; the line of each row."""
 
     path: Path
     names: list[str]
     values: np.ndarray
     lines: np.ndarray
     has_header: bool
-    notes: list[str] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)  # for the user
+    # By its number from 0, why a column is not one of numbers: an error only where the column is used.
     problems: dict[int, StrandcastError] = field(default_factory=dict)
-    instants: frozenset[int] = frozenset()
+    instants: frozenset[int] = frozenset()  # columns that are seconds, whatever unit of time is given
+    # What a capture's file says of itself.
     maker: str | None = None
-    time: tuple[str, float] | None = None
-    rate_hz: float | None = None
+    time: tuple[str, float] | None = None  # column, and its unit [s]
+    rate_hz: float | None = None  # rows per second
     length_unit: str | None = None
-    up: str | None = None
+    up: str | None = None  # the axis that points up by the maker's convention
 
     def points(self) -> list[str]:
         """Return the names of points that have columns NAME.x, NAME.y and NAME.z, or NAME_X …, each once."""

@@ -36,24 +36,15 @@ class Place(NamedTuple):
 
 @dataclass(frozen=True)
 class Lineage:
-    """What a file belongs to and was made from.
-
-    Attributes
-    ----------
-    experiment, trial
-        Trial 0: the whole experiment.
-    stage
-        The stage that wrote it; empty if no stage did.
-    inputs
-        Path relative to the project -> hash of the content.
-    pictures
-        Name of a picture that the stage wrote beside the file -> hash of its bytes.
-    """
+    """What a file belongs to and was made from."""
 
     experiment: str
-    trial: int
-    stage: str = ""
-    inputs: dict[str, str] = field(default_factory=dict)
+    trial: int  # 0: the whole experiment
+    stage: str = ""  # that wrote it; empty if no stage did
+    inputs: dict[str, str] = field(
+        default_factory=dict
+    )  # path relative to the project -> hash of the content
+    # Name of a picture that the stage wrote beside the file -> hash of its bytes.
     pictures: dict[str, str] = field(default_factory=dict)
 
     def to_json(self) -> dict[str, Any]:

@@ -32,27 +32,13 @@ PLACE_DIGITS = 4  # 0.1 mm: less than a camera measures
 
 
 class PredictedThrows(NamedTuple):
-    """Throws of one motion, simulated with every plausible string and every disturbance.
+    """Throws of one motion, simulated with every plausible string and every disturbance."""
 
-    Attributes
-    ----------
-    miss_m
-        (B,) the miss of each throw [m].
-    throw
-        (M,) which of the throws have their path stored.
-    time_s
-        (T,) time from the motion's start [s].
-    tip_m
-        (M, T, 2 or 3) paths of their tips, NaN from where a simulation failed [m].
-    motion_sha256
-        Content hash of the motion.
-    """
-
-    miss_m: NDArray[np.float64]
-    throw: NDArray[np.int64]
-    time_s: NDArray[np.float64]
-    tip_m: NDArray[np.float64]
-    motion_sha256: str = ""
+    miss_m: NDArray[np.float64]  # (B,) of each throw
+    throw: NDArray[np.int64]  # (M,) which of the throws have their path stored
+    time_s: NDArray[np.float64]  # (T,) from the motion's start
+    tip_m: NDArray[np.float64]  # (M, T, 2 or 3) paths of their tips, NaN from where a simulation failed
+    motion_sha256: str = ""  # content hash
 
 
 UNPREDICTED = PredictedThrows(np.zeros(0), np.zeros(0, np.int64), np.zeros(0), np.zeros((0, 0, 2)))
