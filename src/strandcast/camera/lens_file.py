@@ -12,15 +12,8 @@ from strandcast.errors import StrandcastError
 from strandcast.records.camera import Lens
 
 MATRIX = (
-    "camera_matrix",
-    "Camera_Matrix",
-    "cameraMatrix",
-    "intrinsic_matrix",
-    "matrix",
-    "mtx",
-    "K",
-    "k",
-    "M1",
+    *("camera_matrix", "Camera_Matrix", "cameraMatrix", "intrinsic_matrix"),
+    *("matrix", "mtx", "K", "k", "M1"),
 )
 DISTORTION = (
     *("distortion_coefficients", "Distortion_Coefficients", "dist_coeffs", "distCoeffs", "dist_coeff"),

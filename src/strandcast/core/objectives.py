@@ -256,10 +256,7 @@ OBJECTIVES: Registry[type[Objective]] = Registry("objective", "strandcast.object
 def register_objective(kind: type[Kind]) -> type[Kind]:
     """Make a kind of objective known to experiment.yaml; a class decorator.
 
-    Parameters
-    ----------
-    kind
-        A subclass of `Objective` whose field `kind` is a literal: its name in experiment.yaml.
+    Its field `kind` is a literal: its name there.
     """
     (name,) = get_args(kind.model_fields["kind"].annotation)
     OBJECTIVES.register(name, kind)

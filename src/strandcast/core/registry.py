@@ -22,18 +22,10 @@ def installed(group: str) -> dict[str, EntryPoint]:
 
 
 class Registry(Generic[Entry]):
-    """The entries of one extension point by name.
+    """The entries of one extension point by name: the built-in `entries`, and others.
 
-    Parameters
-    ----------
-    what
-        A word for an entry, for messages.
-    group
-        Group of entry points of installed packages. One is imported when an unknown name is requested.
-    field
-        The setting that gives the name.
-    entries
-        The built-in entries.
+    `what` is a word for an entry, for messages; `field` is the setting that gives the name. `group` is that
+    of the entry points of installed packages: one is imported when an unknown name is requested.
     """
 
     def __init__(

@@ -59,14 +59,7 @@ def import_capture(
     points 1 to m, in the order of their places; the world is right-handed with z up. Point 0 is the first
     driven end, and `choices` of the summary has the places.
 
-    Parameters
-    ----------
-    path
-        CSV, Parquet or C3D: one row per instant; an empty cell is a marker that was not detected.
-    folder
-        ``data/<experiment>/trial-NN``.
-    mapping
-        Columns, units, axes and places; see `strandcast.imports.capture_mapping`.
+    The capture is CSV, Parquet or C3D: one row per instant; an empty cell is a marker that was not detected.
 
     Raises
     ------

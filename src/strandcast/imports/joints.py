@@ -84,19 +84,9 @@ def import_joints(
 ) -> Run:
     """Write joints.csv and, last, run.json into a trial's folder and return the run.
 
-    Parameters
-    ----------
-    path
-        The log as the robot's software wrote it.
-    folder
-        ``data/<experiment>/trial-NN``.
-    reading
-        How to read it.
-    namings
-        Names that the joints may have, base to hand. For a CSV the first list with as many names as the log
-        has joints is used, by default ``joint_1`` …; a bag has its own names (`imports.ros_bags.read_bag`).
-    played
-        Arm and motion, if known. Without a motion it lasts while the commanded joints move.
+    `namings` are names that the joints may have, base to hand. For a CSV the first list with as many names as
+    the log has joints is used, by default ``joint_1`` …; a bag has its own names (`ros_bags.read_bag`).
+    Without a motion it lasts while the commanded joints move.
 
     Raises
     ------

@@ -44,17 +44,10 @@ def is_bag(path: str | Path) -> bool:
 def read_bag(path: Path, topic: str | None, clock: Clock, namings: Sequence[list[str]]) -> JointSource:
     """Read JointState or JointTrajectoryControllerState messages of one topic; a row's line is its message.
 
-    Parameters
-    ----------
-    path
-        A .bag, .db3 or .mcap file, or a rosbag2 folder.
-    topic
-        By default the only topic with joints.
-    clock
-        The stamp in each message's header, or the time at which the recorder received it.
-    namings
-        Names that the arm's joints may have, in its order; the longest list that the bag has completely is
-        used (a prefix before each name is allowed). Without any, all joints, in the first message's order.
+    `topic` is by default the only one with joints. `clock` is the stamp in each message's header, or the time
+    at which the recorder received it. `namings` are names that the arm's joints may have, in its order; the
+    longest list that the bag has completely is used (a prefix before each name is allowed). Without any, all
+    joints, in the first message's order.
 
     Raises
     ------

@@ -83,12 +83,8 @@ def place_capture(
     The tracked place may be anywhere on the link that holds the string, and the capture's origin and axes
     anywhere: where the hand is during the motion determines them all.
 
-    Parameters
-    ----------
-    time_s, hand_m, tip_m
-        (F,) times of the capture [s], (F, 3) the tracked place and the string's tip, NaN where not seen [m].
-    offset_s
-        Robot time less the capture's; then the capture is in the arm's frame.
+    `time_s` (F,) are the capture's times, `hand_m` and `tip_m` (F, 3) the tracked place and the string's tip,
+    NaN where not seen. `offset_s` is robot time less the capture's; then the capture is in the arm's frame.
 
     Raises
     ------
@@ -185,10 +181,7 @@ def _fitted(
     """Fit the offset, the capture's turn and shift, and the tracked place in the hand's axes.
 
     The residual is that of the `counted` frames (F,).
-
-    Returns
-    -------
-    The placement, and the covariance (6, 6) of a turn about the middle of the placed hand, and of the shift.
+    Also return the covariance (6, 6) of a turn about the middle of the placed hand, and of the shift.
     """
     centre_m = hand_m.mean(axis=0)
     arm_m = thrown.at(time_s + coarse_s)[:, :3]

@@ -141,12 +141,9 @@ def read_cells(path: str | Path, code: str) -> Cells:
     Lines that begin with # or % are comments, and so is Excel's sep=; names above numbers may be one.
     Without a header the columns are named by their numbers, "1", "2" ….
 
-    Parameters
-    ----------
-    code
-        Code of the errors, with file and line: a missing or empty file, NUL bytes; from `Cells`, a line with
-        another number of cells, or a cell that is not a number (a decimal comma where others have points is
-        reported as such), or quotation marks that do not enclose a cell.
+    `code` is that of the errors, with file and line: a missing or empty file, NUL bytes; from `Cells`, a line
+    with another number of cells, or a cell that is not a number (a decimal comma where others have points is
+    reported as such), or quotation marks that do not enclose a cell.
     """
     path = Path(path)
     text = read_text(path, code)

@@ -23,12 +23,8 @@ UNSUPPORTED = (errno.EPERM, errno.EACCES, errno.EINVAL, errno.ENOTSUP, errno.ENO
 def atomic_write(path: str | Path, size_bytes: int | None = None) -> Iterator[Path]:
     """Yield a temporary path beside `path`; on success it replaces `path`, on failure it is deleted.
 
-    The temporary file keeps the suffix, because some libraries choose the format by it.
-
-    Parameters
-    ----------
-    size_bytes
-        The file's size, where it is known: an error then says how much room is needed.
+    The temporary file keeps the suffix, because some libraries choose the format by it. `size_bytes` is the
+    file's size, where it is known: an error then says how much room is needed.
 
     Raises
     ------

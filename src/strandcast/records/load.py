@@ -35,16 +35,8 @@ if TYPE_CHECKING:
 RECORDS: dict[str, type[Record]] = {
     kind.SCHEMA: kind
     for kind in (
-        Alignment,
-        Camera,
-        Clip,
-        Estimate,
-        ExperimentSummary,
-        Manifest,
-        Motion,
-        Run,
-        TrackSummary,
-        Verdict,
+        *(Alignment, Camera, Clip, Estimate, ExperimentSummary),
+        *(Manifest, Motion, Run, TrackSummary, Verdict),
     )
 }
 TABLES: dict[str, TableSpec] = {
