@@ -3,6 +3,7 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import product
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -37,6 +38,7 @@ SeenAs = Callable[[np.ndarray], np.ndarray]
 Patch = tuple[np.ndarray, np.ndarray, float]
 # A photo in 8 bits as it is searched, the ids (m,) of its markers and their corners (m, 4, 2).
 Seen = tuple[np.ndarray, np.ndarray, np.ndarray]
+Line = tuple[int | None, int | None]  # of a board: (row, None) or (None, column)
 
 
 @dataclass(frozen=True)
@@ -80,24 +82,12 @@ class MarkerOrder:
         return top * self.squares_x // 2 - self.number_of_id_0
 
 
-@dataclass(frozen=True)
-class PossibleBoard:
+class PossibleBoard(NamedTuple):
     """A board with the declared squares on which the markers seen are in their places."""
 
     board: PatternedBoard  # with its own pattern and first id
-    unseen_rows: list[int]  # rows and columns of it in which no marker was seen
-    unseen_columns: list[int]
-
-    def likeness(self, seen: Sequence[Seen]) -> list[float]:
-        """Return that of each row and column of it without a marker (`_likeness`)."""
-        rows = [(row, None) for row in self.unseen_rows]
-        columns = [(None, column) for column in self.unseen_columns]
-        return [_likeness(place, seen, self.board) for place in (*rows, *columns)]
-
-    def below(self) -> list[int]:
-        """Return the numbers of the rows below the last seen one, in `unseen_rows`."""
-        last = max({*range(self.board.squares_y)}.difference(self.unseen_rows))
-        return [k for k, row in enumerate(self.unseen_rows) if row > last]
+    unseen: list[Line]  # rows and columns of it in which no marker was seen
+    last_row: int  # in which one was
 
 
 def identify_board(photos: Photos, board: Board, field: str = "camera.board") -> PrintedBoard:
@@ -137,15 +127,15 @@ def identify_board(photos: Photos, board: Board, field: str = "camera.board") ->
             candidates = _candidates(orders, board)
         if not candidates:
             raise _of_other_squares(orders[0], board, field)
-        is_cut_off = any(each.unseen_rows or each.unseen_columns for each in candidates)
+        is_cut_off = any(each.unseen for each in candidates)
         seen = [_seen(grey, name, seen_as) for _, grey in photos] if is_cut_off else []
-        likeness = [each.likeness(seen) for each in candidates]
+        likeness = [[_likeness(line, seen, each.board) for line in each.unseen] for each in candidates]
         possible = [k for k, each in enumerate(likeness) if min(each, default=1.0) >= PRINTED]
         best = possible[0] if possible else 0
         printed = candidates[best]
-        for k in printed.below():
-            if likeness[best][k] < PRINTED:
-                raise _other_squares(board, board.squares_x, printed.unseen_rows[k], field)
+        for (row, _), alike in zip(printed.unseen, likeness[best], strict=True):
+            if row is not None and row > printed.last_row and alike < PRINTED:
+                raise _other_squares(board, board.squares_x, row, field)
         is_shown = np.inf not in likeness[best]
         is_rival = len(possible) > 1 or any(each.board == board for each in candidates)
         return PrintedBoard(
@@ -170,10 +160,12 @@ def _candidates(orders: Sequence[MarkerOrder], board: PatternedBoard) -> list[Po
             if not same_squares or order.first_id(top) < 0:
                 continue
             legacy = bool(white_first) if board.squares_y % 2 == 0 else board.legacy
-            rows = [row for row in range(board.squares_y) if not first <= row + top <= last]
-            columns = [column for column in range(board.squares_x) if not left <= column <= right]
+            unseen: list[Line] = [
+                *((row, None) for row in range(board.squares_y) if not first <= row + top <= last),
+                *((None, column) for column in range(board.squares_x) if not left <= column <= right),
+            ]
             pattern = {"legacy": legacy, "first_id": order.first_id(top)}
-            found.append(PossibleBoard(board.model_copy(update=pattern), rows, columns))
+            found.append(PossibleBoard(board.model_copy(update=pattern), unseen, last - top))
     return sorted(
         found,
         key=lambda each: (abs(each.board.first_id - board.first_id), each.board.legacy != board.legacy),
@@ -229,16 +221,13 @@ def _seen(grey: np.ndarray, dictionary: str, seen_as: SeenAs) -> Seen:
     return grey, *detect_markers(grey, marker_detector(dictionary))
 
 
-def _likeness(place: tuple[int | None, int | None], seen: Sequence[Seen], board: PatternedBoard) -> float:
-    """Return the correlation of a board's row or column with what photos show there; infinite: it is in none.
-
-    `place` is (row, None) or (None, column).
-    """
+def _likeness(line: Line, seen: Sequence[Seen], board: PatternedBoard) -> float:
+    """Return the correlation of a board's line with what photos show there; infinite: it is in none."""
     pattern = opencv_board(board)
     width, height = board.squares_x * DRAWN_PX, board.squares_y * DRAWN_PX
     drawn = pattern.generateImage((width, height))
     row, column = (
-        slice(None) if each is None else slice(each * DRAWN_PX, (each + 1) * DRAWN_PX) for each in place
+        slice(None) if each is None else slice(each * DRAWN_PX, (each + 1) * DRAWN_PX) for each in line
     )
     places = np.asarray(pattern.getObjPoints())[:, :, :2] * DRAWN_PX / board.square_m
     likeness = []
