@@ -11,7 +11,7 @@ from strandcast.camera.plane import plane_from_markers
 from strandcast.camera.plane_error import worst_difference_m
 from strandcast.camera.stereo import stereo_pose
 from strandcast.errors import StrandcastError
-from strandcast.records.camera import Camera, Lens
+from strandcast.records.camera import Camera, Lens, is_fisheye
 
 from .test_lens import BOARD, VIEWS, board_photos
 from .test_plane import DICTIONARY, MARKERS
@@ -112,7 +112,9 @@ def test_another_programs_fisheye_lens_is_read(tmp_path, wide, words, asked):
     path.write_text(text, encoding="utf-8")
     lens = read_lens(path, fisheye=asked)
     assert (lens.distortion, lens.matrix) == (wide.distortion, wide.matrix)
-    assert Camera.model_validate(camera_of(lens, np.eye(3), np.zeros(3)).model_dump()).lens.is_fisheye()
+    assert is_fisheye(
+        Camera.model_validate(camera_of(lens, np.eye(3), np.zeros(3)).model_dump()).lens.distortion
+    )
     path.write_text(text.replace("0.05, ", "0.05, 0.0, "), encoding="utf-8")
     with pytest.raises(StrandcastError, match=r"5 distortion coefficients; a fisheye lens has four"):
         read_lens(path, fisheye=asked)

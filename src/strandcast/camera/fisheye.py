@@ -10,19 +10,12 @@ import cv2
 import numpy as np
 import scipy
 
-from strandcast.records.camera import FISHEYE as COEFFICIENTS
-
 # First focal lengths, over the picture's width: from a view of 180 degrees across to one of 60; chosen.
 FOCAL_OVER_WIDTH = np.geomspace(0.3, 1.0, 8)
 NEWTON_STEPS = 20  # chosen: 4 to 6 are usual
 CONVERGED = 1e-9  # chosen: in focal lengths, about 1e-6 px
 REFINED = 1e-12  # chosen: relative change of unknowns or squares at which a fit ends
 WIDEST_RAD = np.radians(89.0)  # chosen: rays are stored as X/Z and Y/Z, which grow without bound
-
-
-def is_fisheye(distortion: np.ndarray | Sequence[float]) -> bool:
-    """Return whether these are the coefficients of a fisheye lens."""
-    return len(distortion) == len(COEFFICIENTS)
 
 
 def bent_angle(distortion: np.ndarray, angle_rad: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -6,10 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from strandcast.camera.fisheye import is_fisheye
 from strandcast.config.bounded import BoundError, load_toml, load_yaml, read_bounded
 from strandcast.errors import StrandcastError
-from strandcast.records.camera import Lens
+from strandcast.records.camera import Lens, is_fisheye
 
 MATRIX = (
     *("camera_matrix", "Camera_Matrix", "cameraMatrix", "intrinsic_matrix"),

@@ -4,7 +4,7 @@ import numpy as np
 
 from strandcast.camera import fisheye
 from strandcast.camera.fisheye import NEWTON_STEPS
-from strandcast.records.camera import Camera, Lens
+from strandcast.records.camera import Camera, Lens, is_fisheye
 
 CONVERGED = 1e-12  # chosen: in normalised picture coordinates, about 1e-9 px
 
@@ -78,7 +78,7 @@ def undistort(lens: Lens, uv_px: np.ndarray) -> np.ndarray:
     matrix = np.array(lens.matrix)
     wanted = (uv_px - matrix[:2, 2]) @ np.linalg.inv(matrix[:2, :2]).T
     coefficients = np.array(lens.distortion)
-    if fisheye.is_fisheye(coefficients):
+    if is_fisheye(coefficients):
         return fisheye.rays(coefficients, wanted)
     rays = wanted.copy()
     for _ in range(NEWTON_STEPS):
@@ -106,7 +106,7 @@ def _distorted(coefficients: np.ndarray, rays: np.ndarray) -> tuple[np.ndarray, 
     The radial factor is (1 + k1 s + k2 s² + k3 s³) / (1 + k4 s + k5 s² + k6 s³), s the squared ray. Four
     coefficients are a fisheye lens'.
     """
-    p1, p2 = (0.0, 0.0) if fisheye.is_fisheye(coefficients) else coefficients[2:4]
+    p1, p2 = (0.0, 0.0) if is_fisheye(coefficients) else coefficients[2:4]
     x, y = rays[..., 0], rays[..., 1]
     square = x * x + y * y
     radial, radial_slope = _radial(coefficients, square)
@@ -121,7 +121,7 @@ def _distorted(coefficients: np.ndarray, rays: np.ndarray) -> tuple[np.ndarray, 
 
 def _radial(coefficients: np.ndarray, square: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the radial factor and its slope by the squared ray, (...) each."""
-    if fisheye.is_fisheye(coefficients):
+    if is_fisheye(coefficients):
         return fisheye.radial(coefficients, square)
     k1, k2, _, _, k3 = coefficients[:5]
     above = 1.0 + square * (k1 + square * (k2 + square * k3))

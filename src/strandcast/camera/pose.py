@@ -8,11 +8,11 @@ import cv2
 import numpy as np
 import scipy
 
-from strandcast.camera.fisheye import is_fisheye, solve_pose
+from strandcast.camera.fisheye import solve_pose
 from strandcast.camera.markers import corners_of
 from strandcast.camera.projection import project_points, straightened
 from strandcast.core.pose import rotated
-from strandcast.records.camera import Camera, Lens
+from strandcast.records.camera import Camera, Lens, is_fisheye
 
 CRITERIA = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT, 100, 1e-12)
 

@@ -4,6 +4,7 @@ import cv2
 import numpy as np
 
 from strandcast.camera import fisheye
+from strandcast.records.camera import is_fisheye
 
 
 def project_points(
@@ -15,7 +16,7 @@ def project_points(
     or 8 coefficients. The Jacobian (2m, 10 + coefficients) is by rotation, translation, fx, fy, cx, cy and
     the coefficients.
     """
-    if fisheye.is_fisheye(distortion):
+    if is_fisheye(distortion):
         return fisheye.project(world_m, turn, shift_m, matrix, distortion)
     pixels, jacobian = cv2.projectPoints(world_m.reshape(-1, 3), turn, shift_m, matrix, distortion)
     return np.asarray(pixels, float).reshape(-1, 2), np.asarray(jacobian)[:, : 10 + len(distortion)]
@@ -28,7 +29,7 @@ def straightened(
 
     A fisheye lens is replaced by the pinhole that sees the same rays.
     """
-    if not fisheye.is_fisheye(distortion):
+    if not is_fisheye(distortion):
         return pixels, matrix, distortion
     rays = fisheye.rays(distortion, (pixels - matrix[:2, 2]) / np.diag(matrix)[:2])
     return rays * np.diag(matrix)[:2] + matrix[:2, 2], matrix, np.zeros(5)

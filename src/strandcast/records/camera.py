@@ -51,9 +51,14 @@ class MarkerFit(Part):
     off_sigma_m: float | None = None
 
 
+def is_fisheye(distortion: Sequence[float] | np.ndarray) -> bool:
+    """Return whether these are the coefficients of a fisheye lens."""
+    return len(distortion) == len(FISHEYE)
+
+
 def coefficient_names(distortion: Sequence[float]) -> tuple[str, ...]:
-    """Return the names of a lens' coefficients; four are those of a fisheye lens."""
-    return FISHEYE if len(distortion) == len(FISHEYE) else DISTORTION[: len(distortion)]
+    """Return the names of a lens' coefficients."""
+    return FISHEYE if is_fisheye(distortion) else DISTORTION[: len(distortion)]
 
 
 class Lens(Part):
@@ -79,10 +84,6 @@ class Lens(Part):
     warnings: list[str] = []
     # Shortcomings of the photos; the camera's warnings give their cost in the plane.
     weaknesses: list[str] = []
-
-    def is_fisheye(self) -> bool:
-        """Return whether this is a fisheye lens."""
-        return len(self.distortion) == len(FISHEYE)
 
 
 class PlaneError(Part):

@@ -8,7 +8,7 @@ from markupsafe import Markup, escape
 from PIL import Image
 
 from strandcast.errors import StrandcastError
-from strandcast.records.camera import Camera
+from strandcast.records.camera import Camera, is_fisheye
 from strandcast.records.verdict import Verdict
 from strandcast.report.pages import embedded
 from strandcast.report.panels.content import PanelContent
@@ -66,7 +66,7 @@ def project_px(camera: Camera, places_m: Array) -> Array:
     turn, _ = cv2.Rodrigues(np.array(camera.rotation, dtype=float))
     lens = camera.lens
     shift_m, matrix = np.array(camera.translation_m, dtype=float), np.array(lens.matrix, dtype=float)
-    project = cv2.fisheye.projectPoints if lens.is_fisheye() else cv2.projectPoints
+    project = cv2.fisheye.projectPoints if is_fisheye(lens.distortion) else cv2.projectPoints
     found, _ = project(world_m, turn, shift_m, matrix, np.array(lens.distortion, dtype=float))
     pixels[known] = found.reshape(-1, 2)
     return pixels
