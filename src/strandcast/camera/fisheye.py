@@ -152,11 +152,5 @@ def _residuals(unknowns: np.ndarray, views: Sequence[tuple[np.ndarray, np.ndarra
 
 
 def _slopes(unknowns: np.ndarray, views: Sequence[tuple[np.ndarray, np.ndarray]]) -> np.ndarray:
-    slopes = [jacobian for _, jacobian in _each(unknowns, views)]
-    whole = np.zeros((sum(map(len, slopes)), len(unknowns)))
-    row = 0
-    for k, slope in enumerate(slopes):
-        rows = slice(row, row + len(slope))
-        whole[rows, :8], whole[rows, 8 + 6 * k : 14 + 6 * k] = slope[:, 6:], slope[:, :6]
-        row += len(slope)
-    return whole
+    poses, lenses = zip(*(np.hsplit(slopes, [6]) for _, slopes in _each(unknowns, views)), strict=True)
+    return np.hstack([np.vstack(lenses), scipy.linalg.block_diag(*poses)])

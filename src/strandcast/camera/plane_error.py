@@ -2,6 +2,7 @@
 
 import cv2
 import numpy as np
+from scipy.linalg import block_diag
 
 from strandcast.camera.lens_error import jacobians
 from strandcast.camera.mapping import metre_to_pixel, pixel_to_metre
@@ -122,8 +123,4 @@ def pixel_slopes(
 def _moved_places(fit: PoseFit, camera: Camera) -> np.ndarray:
     """Return the Jacobian (8K, 2K) of corners by marker positions: a marker moves its four corners alike."""
     slopes = pixel_slopes(fit, fit.world_m, camera)  # (K, 4, 2, 2)
-    count = len(slopes)
-    follow = np.zeros((count, 4, 2, count, 2))
-    for marker in range(count):
-        follow[marker, :, :, marker, :] = slopes[marker]
-    return follow.reshape(8 * count, 2 * count)
+    return np.asarray(block_diag(*slopes.reshape(-1, 8, 2)))
