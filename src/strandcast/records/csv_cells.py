@@ -73,14 +73,8 @@ class Cells:
                 fix = "was the file cut, has it lines above the header, or does it use a decimal comma?"
                 raise self._refusal(k, None, what, fix)
 
-    def numbers(self, empty: frozenset[str] = EMPTY) -> np.ndarray:
-        """Return all cells (rows, columns) as floats; words in `empty`, in any case, become NaN."""
-        self.require_even()
-        columns = [self.column(k, empty) for k in range(len(self.names))]
-        return np.reshape(columns, (len(self.names), len(self.rows))).T
-
     def column(self, k: int, empty: frozenset[str] = EMPTY) -> np.ndarray:
-        """Return one column (rows,) as floats; see `numbers`."""
+        """Return one column (rows,) as floats; words in `empty`, in any case, become NaN."""
         cells = ((row, cells[k]) for row, cells in enumerate(self.rows))
         return np.array(
             [math.nan if cell.lower() in empty else self._number(row, k, cell) for row, cell in cells]

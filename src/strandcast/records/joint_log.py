@@ -160,7 +160,8 @@ def read_joint_log(path: str | Path) -> JointLog:
     if not names or cells.names != column_names(names):
         what = "is not the header of a strandcast joint log"
         raise refusal("SC-J001", path, None, what, "import the file with `strandcast import joints`", 1)
-    table = cells.numbers(empty=frozenset({""}))
+    cells.require_even()
+    table = np.transpose([cells.column(k, empty=frozenset({""})) for k in range(len(cells.names))])
     joints = np.split(table[:, 4:-1], len(GROUPS), axis=1)
     blocks = {f"{stem}_{unit}": block for (stem, unit), block in zip(GROUPS, joints, strict=True)}
     whole = np.isfinite(blocks["q_rad"]).all(axis=1) & np.isfinite(table[:, 2])
