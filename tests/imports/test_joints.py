@@ -6,7 +6,7 @@ import pytest
 
 from strandcast.errors import ENVIRONMENT, StrandcastError, StrandcastErrors
 from strandcast.imports.as_measured import not_held
-from strandcast.imports.coverage import coverage_warnings
+from strandcast.imports.coverage import check_coverage
 from strandcast.imports.joints import Reading, import_joints
 from strandcast.imports.mapping import JointMapping, load_mapping
 from strandcast.records.joint_log import AFTER_DUPLICATE, SYNC_HIGH, read_run
@@ -443,7 +443,7 @@ def moving_log(tmp_path, rows):
 @pytest.mark.parametrize("first", [97, 147], ids=["start", "end"])
 def test_a_gap_over_the_motions_start_or_end_is_one_of_the_motion(first):
     time_s = 0.01 * np.delete(np.arange(300), np.arange(first, first + 7))
-    [warning] = coverage_warnings(time_s, 1.0, 1.5)
+    [warning] = check_coverage(time_s, 1.0, 1.5, "log.csv")
     assert "the log misses 80 ms of the motion itself" in warning
 
 

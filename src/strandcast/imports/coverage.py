@@ -37,13 +37,22 @@ def timing_warnings(time_s: np.ndarray) -> list[str]:
     return warnings
 
 
-def refuse_partial_motion(time_s: np.ndarray, start_s: float, end_s: float, file: str) -> None:
-    """Refuse a log that misses more than a few cycles of the motion's beginning or end, or much within it."""
-    longest_s = max(_gaps_within(time_s, start_s, end_s), default=0.0)
-    if longest_s > LONGEST_BRIDGED_S:
+def check_coverage(time_s: np.ndarray, start_s: float, end_s: float, file: str) -> list[str]:
+    """Return warnings where a log covers the motion less well than the player's logs must.
+
+    Raises
+    ------
+    StrandcastError
+        SC-I032 it misses more than a few cycles of the motion's beginning or end, or much within it.
+    """
+    steps = np.diff(time_s)
+    longest_gap_s = LONGEST_GAP * np.median(steps)
+    moving = (time_s[1:] > start_s) & (time_s[:-1] < end_s)
+    missed_s = float(steps[moving & (steps > longest_gap_s)].max(initial=0.0))
+    if missed_s > LONGEST_BRIDGED_S:
         raise StrandcastError(
             "SC-I032",
-            f"the log misses {1e3 * longest_s:.0f} ms within the motion",
+            f"the log misses {1e3 * missed_s:.0f} ms within the motion",
             file=file,
             cost="the hand's path is not known there: it may be off by more than 20 mm",
             fix="throw again, and find out why rows were lost: load of the computer, network",
@@ -52,7 +61,7 @@ def refuse_partial_motion(time_s: np.ndarray, start_s: float, end_s: float, file
     missing = [
         f"{1e3 * missing_s:.0f} ms of the motion's {where}"
         for missing_s, where in ((early_s, "beginning"), (late_s, "end"))
-        if missing_s > LONGEST_GAP * np.median(np.diff(time_s))
+        if missing_s > longest_gap_s
     ]
     if missing:
         raise StrandcastError(
@@ -62,28 +71,16 @@ def refuse_partial_motion(time_s: np.ndarray, start_s: float, end_s: float, file
             cost="a trial needs the log of its whole throw: nothing was imported",
             fix=f"record from before the motion until {TAIL_S} s after it, and throw again",
         )
-
-
-def coverage_warnings(time_s: np.ndarray, start_s: float, end_s: float) -> list[str]:
-    """Return warnings where a log covers the motion less well than the player's logs must."""
     warnings = []
-    if time_s[0] > start_s:
-        warnings.append(f"the log begins {1e3 * (time_s[0] - start_s):.0f} ms after the motion")
+    if early_s > 0.0:
+        warnings.append(f"the log begins {1e3 * early_s:.0f} ms after the motion")
     if time_s[-1] < end_s + TAIL_S:
         warnings.append(
             f"the log ends {1e3 * (time_s[-1] - end_s):.0f} ms after the motion; the joints arrive late, and "
             f"the string keeps moving: record {TAIL_S} s more"
         )
-    longest_s = max(_gaps_within(time_s, start_s, end_s), default=0.0)
-    if longest_s:
+    if missed_s:
         warnings.append(
-            f"the log misses {1e3 * longest_s:.0f} ms of the motion itself: throw again if possible"
+            f"the log misses {1e3 * missed_s:.0f} ms of the motion itself: throw again if possible"
         )
     return warnings
-
-
-def _gaps_within(time_s: np.ndarray, start_s: float, end_s: float) -> list[float]:
-    """Return the lengths of the gaps that reach into the motion [s]."""
-    steps = np.diff(time_s)
-    moving = (time_s[1:] > start_s) & (time_s[:-1] < end_s)
-    return [float(step) for step in steps[moving & (steps > LONGEST_GAP * np.median(steps))]]

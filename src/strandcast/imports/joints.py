@@ -13,7 +13,7 @@ from strandcast.arm.load import Arm
 from strandcast.errors import StrandcastError
 from strandcast.imports.as_measured import as_measured
 from strandcast.imports.clock import clock_problem
-from strandcast.imports.coverage import coverage_warnings, refuse_partial_motion, timing_warnings
+from strandcast.imports.coverage import check_coverage, timing_warnings
 from strandcast.imports.dialects import recognise
 from strandcast.imports.mapping import (
     ANGLE_UNITS,
@@ -120,8 +120,7 @@ def import_joints(
     if times is not None:
         inside = (log.time_s >= times[0]) & (log.time_s <= times[1])
         log.since_start_s[inside] = log.time_s[inside] - times[0]
-        refuse_partial_motion(log.time_s, *times, str(path))
-        warnings += coverage_warnings(log.time_s, *times)
+        warnings += check_coverage(log.time_s, *times, str(path))
     if motion is None:
         warnings.append(NO_MOTION)
     timing = timing_of(time_s, nominal_hz)
