@@ -54,7 +54,8 @@ def _information(views: Sequence[BoardCorners], fit: LensFit, groups: np.ndarray
     information = np.zeros((count, count))
     poses = zip(views, fit.rotations, fit.translations_m, weights, strict=True)
     for corners, rotation, translation, weight in poses:
-        pose, lens = jacobians(corners.board_m, rotation, translation, fit.matrix, fit.distortion)
+        _, jacobian = project_points(corners.board_m, rotation, translation, fit.matrix, fit.distortion)
+        pose, lens = jacobian[:, :6], jacobian[:, 6:]
         cross = pose.T @ lens
         information += weight * (lens.T @ lens - cross.T @ np.linalg.solve(pose.T @ pose, cross))
     return information / corner_variance(fit)
@@ -65,18 +66,6 @@ def corner_variance(fit: LensFit) -> float:
     residuals = np.concatenate(fit.residuals_px)
     fitted = len(fit.free()) + 6 * len(fit.residuals_px)
     return float((residuals**2).sum() / max(residuals.size - fitted, 1))
-
-
-def jacobians(
-    world_m: np.ndarray,
-    rotation: np.ndarray,
-    translation: np.ndarray,
-    matrix: np.ndarray,
-    distortion: np.ndarray,
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return the Jacobians of the pixels (2m) by the pose (2m, 6) and by the lens (2m, 8, 9 or 12)."""
-    jacobian = project_points(world_m, rotation, translation, matrix, distortion)[1]
-    return jacobian[:, :6], jacobian[:, 6:]
 
 
 def _prior_sd(fit: LensFit, names: tuple[str, ...], size: tuple[int, int]) -> np.ndarray:

@@ -4,9 +4,9 @@ import cv2
 import numpy as np
 from scipy.linalg import block_diag
 
-from strandcast.camera.lens_error import jacobians
 from strandcast.camera.mapping import metre_to_pixel, pixel_to_metre
 from strandcast.camera.pose import PoseFit, project
+from strandcast.camera.projection import project_points
 from strandcast.records.camera import Camera, PlaneError
 
 GRID = (9, 7)  # chosen
@@ -86,15 +86,15 @@ def _covariances(
     camera: Camera, fit: PoseFit, places_m: np.ndarray, sigma_px: float, place_m: float, offset_sd_m: float
 ) -> dict[str, np.ndarray]:
     """Return the covariance (rows, columns, 2, 2) [m²] that each source gives a point of the plane."""
-    matrix, distortion = np.array(camera.lens.matrix), np.array(camera.lens.distortion)
-    rotation = cv2.Rodrigues(fit.rotation)[0].reshape(3)
-    pose, lens = jacobians(fit.world_m, rotation, fit.shift_m, matrix, distortion)
+    seen_by = (
+        *(cv2.Rodrigues(fit.rotation)[0].reshape(3), fit.shift_m),
+        *(np.array(camera.lens.matrix), np.array(camera.lens.distortion)),
+    )
+    pose, lens = np.hsplit(project_points(fit.world_m, *seen_by)[1], [6])
     to_pose = np.linalg.solve(pose.T @ pose, pose.T)  # from corner errors, (6, 8K)
     world_m = np.dstack([places_m, np.full(places_m.shape[:2], camera.string_offset_m)])
-    pose_there, lens_there = (
-        each.reshape(*places_m.shape, -1)
-        for each in jacobians(world_m, rotation, fit.shift_m, matrix, distortion)
-    )
+    there = project_points(world_m, *seen_by)[1].reshape(*places_m.shape, -1)
+    pose_there, lens_there = there[..., :6], there[..., 6:]
     to_metre = -np.linalg.inv(pixel_slopes(fit, world_m, camera))  # at a fixed pixel: dx = -J⁻¹ dp
     moved = _moved_places(fit, camera)
     paths = {
