@@ -16,13 +16,7 @@ from strandcast.config.camera import Board
 from strandcast.errors import StrandcastError
 from strandcast.records.files import atomic_write
 
-PAGES_MM = {
-    "A4": (210, 297),
-    "A3": (297, 420),
-    "A2": (420, 594),
-    "A1": (594, 841),
-    "A0": (841, 1189),
-}
+PAGES_MM = {"A4": (210, 297), "A3": (297, 420), "A2": (420, 594), "A1": (594, 841), "A0": (841, 1189)}
 MARGIN_MM = 12.0  # chosen: printers leave up to 6 mm blank
 FOOTER_MM = 22.0  # chosen: height of the ruler and the caption below the pattern
 QUIET_ZONE_SHARE = 0.2  # chosen: white border around a marker that detectors need, relative to its side

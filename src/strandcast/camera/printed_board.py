@@ -167,8 +167,7 @@ def _candidates(orders: Sequence[MarkerOrder], board: PatternedBoard) -> list[Po
             pattern = {"legacy": legacy, "first_id": order.first_id(top)}
             found.append(PossibleBoard(board.model_copy(update=pattern), unseen, last - top))
     return sorted(
-        found,
-        key=lambda each: (abs(each.board.first_id - board.first_id), each.board.legacy != board.legacy),
+        found, key=lambda each: (abs(each.board.first_id - board.first_id), each.board.legacy != board.legacy)
     )
 
 

@@ -228,8 +228,7 @@ class SwingObjective(Objective):
 
     kind: Literal["swing"] = Field(description="Selects this objective.")
     height_m: Position | None = Field(
-        None,
-        description="Height (y) that the tip must reach. Give it or speed_m_s.",
+        None, description="Height (y) that the tip must reach. Give it or speed_m_s."
     )
     speed_m_s: Annotated[float, Field(gt=0, le=1000)] | None = Field(
         None, description="Speed that the tip must reach. Give it or height_m."

@@ -29,11 +29,7 @@ class Registry(Generic[Entry]):
     """
 
     def __init__(
-        self,
-        what: str,
-        group: str,
-        field: str | None = None,
-        entries: Mapping[str, Entry] | None = None,
+        self, what: str, group: str, field: str | None = None, entries: Mapping[str, Entry] | None = None
     ) -> None:
         self.what, self.group, self.field = what, group, field
         self._entries = dict(entries or {})

@@ -159,16 +159,9 @@ _CAMERA: dict[str, Any] = {"sd": "camera_offset_sd_m"}
 _ROWS = [
     # Bend at rest; between two clamps it is hardly observable.
     Unknown(REST_CURL, "rest curl", "rad/m", (-15.0, 15.0), forces=("rest_curl",), axes=2),
-    *_turns(
-        *(REST_CURL, "curl", "rad/m", 3, (-3.0, 3.0), "one clamp", _length_m),
-        forces=("rest_curl",),
-    ),
+    *_turns(*(REST_CURL, "curl", "rad/m", 3, (-3.0, 3.0), "one clamp", _length_m), forces=("rest_curl",)),
     # Turns of the clamp against the arm's file, and of a second clamp at the string's end.
-    Unknown(
-        *(CLAMP_OFFSET, "clamp angle", "rad", (-0.2, 0.2)),
-        axes=2,
-        **_CLAMP,
-    ),
+    Unknown(*(CLAMP_OFFSET, "clamp angle", "rad", (-0.2, 0.2)), axes=2, **_CLAMP),
     *_turns(*(CLAMP_OFFSET, "clamp", "rad", 3, (-0.8, 0.8), "clamp"), **_CLAMP),
     *_turns(*(FAR_OFFSET, "far", "rad", 0, (-0.8, 0.8), "two clamps"), **_CLAMP),
     # Relative change of the rest length.

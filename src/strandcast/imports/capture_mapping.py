@@ -56,8 +56,7 @@ class DrivenBody(Mapping):
         None, description="… of a second point, behind it: the string leaves in the direction from there."
     )
     quaternion: list[str] | None = Field(
-        None,
-        description="Columns w, x, y, z of the body's orientation, or one name for NAME.qw to NAME.qz.",
+        None, description="Columns w, x, y, z of the body's orientation, or one name for NAME.qw to NAME.qz."
     )
     euler: list[str] | None = Field(
         None,

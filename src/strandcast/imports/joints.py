@@ -15,13 +15,7 @@ from strandcast.imports.as_measured import as_measured
 from strandcast.imports.clock import clock_problem
 from strandcast.imports.coverage import check_coverage, timing_warnings
 from strandcast.imports.dialects import recognise
-from strandcast.imports.mapping import (
-    ANGLE_UNITS,
-    LARGEST_ANGLE_RAD,
-    TIME_UNITS,
-    JointMapping,
-    JointSource,
-)
+from strandcast.imports.mapping import ANGLE_UNITS, LARGEST_ANGLE_RAD, TIME_UNITS, JointMapping, JointSource
 from strandcast.imports.motion_start import CLEARLY_LESS, LARGEST_LEFT_RAD, motion_times, played_plan
 from strandcast.imports.ros_bags import Clock, is_bag, read_bag
 from strandcast.imports.table import NumberTable, read_numbers

@@ -222,12 +222,7 @@ def _int64(text: str) -> int:
 
 
 def refusal(
-    code: str,
-    path: str | Path,
-    field: str | None,
-    what: str,
-    fix: str | None = None,
-    line: int | None = None,
+    code: str, path: str | Path, field: str | None, what: str, fix: str | None = None, line: int | None = None
 ) -> StrandcastError:
     """Return the error for a file that cannot be used."""
     return StrandcastError(code, what, file=path, line=line, field=field, fix=fix, exit_code=INTEGRITY)
