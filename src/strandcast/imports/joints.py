@@ -96,7 +96,7 @@ def import_joints(
     if len(measured.time_s) < len(log.time_s):
         time_s, nominal_hz = measured.time_s, None
     log = measured
-    _refuse_exchanged_joints(log, str(path))
+    doubts = _check_commands(log, str(path))
     if played is not None:
         taken = played_plan(log, motion, played.plans, played.arm)
         motion = motion if taken is None else played.plans[taken]
@@ -108,7 +108,7 @@ def import_joints(
     else:
         start_s, end_s, unlike = motion_times(log, motion, played.arm, str(path), played.others)
         times = start_s, end_s
-    warnings = [*source.notes, *notes, *timing_warnings(time_s), *_exchanged_columns(log), *unlike]
+    warnings = [*source.notes, *notes, *timing_warnings(time_s), *doubts, *unlike]
     if taken:
         warnings.append(f"the log is that of {taken}, which is now the motion.json beside it")
     if times is not None:
@@ -149,32 +149,17 @@ def import_joints(
     return run
 
 
-def _exchanged_columns(log: JointLog) -> list[str]:
-    """Warn of measured joints that move before their commands, as those of no arm do."""
+def _check_commands(log: JointLog, file: str) -> list[str]:
+    """Compare the measured joints with their commands; return a warning.
+
+    Joints that follow the commands of other joints are refused. Joints that move before their commands, as
+    those of no arm do, are warned of.
+    """
     known = np.isfinite(log.q_cmd_rad).all(axis=1)
     if known.sum() < FEWEST_COMMANDS:
         return []
-    time_s, command_rad = log.time_s[known], log.q_cmd_rad[known]
-    off_rad = log.q_rad[known] - command_rad
-    velocity = np.gradient(command_rad, time_s, axis=0)
-    off_rad, velocity = off_rad - off_rad.mean(axis=0), velocity - velocity.mean(axis=0)
-    lead_s = (off_rad * velocity).sum() / max((velocity**2).sum(), 1e-12)
-    left_rad = off_rad - lead_s * velocity
-    if lead_s < 2.0 * np.median(np.diff(time_s)) or (left_rad**2).sum() > 0.5 * (off_rad**2).sum():
-        return []
-    return [
-        f"the measured joints move {1e3 * lead_s:.0f} ms before their commands: the columns of measured and "
-        "commanded joints are probably exchanged"
-    ]
-
-
-def _refuse_exchanged_joints(log: JointLog, file: str) -> None:
-    """Refuse measured joints that follow the commands of other joints."""
-    known = np.isfinite(log.q_cmd_rad).all(axis=1)
-    if known.sum() < FEWEST_COMMANDS:
-        return
-    off_rad = log.q_rad[known][:, :, None] - log.q_cmd_rad[known][:, None]
-    rms_rad = np.sqrt((off_rad**2).mean(axis=0))
+    time_s, q_rad, command_rad = log.time_s[known], log.q_rad[known], log.q_cmd_rad[known]
+    rms_rad = np.sqrt(((q_rad[:, :, None] - command_rad[:, None]) ** 2).mean(axis=0))
     joints, commands = scipy.optimize.linear_sum_assignment(rms_rad**2)
     if np.diag(rms_rad).max() > LARGEST_LEFT_RAD and (
         rms_rad[joints, commands].max() < CLEARLY_LESS**2 * np.diag(rms_rad).max()
@@ -184,6 +169,16 @@ def _refuse_exchanged_joints(log: JointLog, file: str) -> None:
         others = [f"{names[j]} follows the command of {names[c]}" for j, c in pairs if j != c]
         fix = "name the columns of q and q_cmd in the order of the joints, from the base on"
         raise StrandcastError("SC-I006", f"the measured {', '.join(others)}", file=file, field="q", fix=fix)
+    off_rad, velocity = q_rad - command_rad, np.gradient(command_rad, time_s, axis=0)
+    off_rad, velocity = off_rad - off_rad.mean(axis=0), velocity - velocity.mean(axis=0)
+    lead_s = (off_rad * velocity).sum() / max((velocity**2).sum(), 1e-12)
+    left_rad = off_rad - lead_s * velocity
+    if lead_s < 2.0 * np.median(np.diff(time_s)) or (left_rad**2).sum() > 0.5 * (off_rad**2).sum():
+        return []
+    return [
+        f"the measured joints move {1e3 * lead_s:.0f} ms before their commands: the columns of measured and "
+        "commanded joints are probably exchanged"
+    ]
 
 
 def _rehearsal_of_no_motion(folder: Path, plans: Mapping[Path, Motion]) -> StrandcastError:
