@@ -86,10 +86,8 @@ def _covariances(
     camera: Camera, fit: PoseFit, places_m: np.ndarray, sigma_px: float, place_m: float, offset_sd_m: float
 ) -> dict[str, np.ndarray]:
     """Return the covariance (rows, columns, 2, 2) [m²] that each source gives a point of the plane."""
-    seen_by = (
-        *(cv2.Rodrigues(fit.rotation)[0].reshape(3), fit.shift_m),
-        *(np.array(camera.lens.matrix), np.array(camera.lens.distortion)),
-    )
+    optics, rotation = camera.lens, cv2.Rodrigues(fit.rotation)[0].reshape(3)
+    seen_by = rotation, fit.shift_m, np.array(optics.matrix), np.array(optics.distortion)
     pose, lens = np.hsplit(project_points(fit.world_m, *seen_by)[1], [6])
     to_pose = np.linalg.solve(pose.T @ pose, pose.T)  # from corner errors, (6, 8K)
     world_m = np.dstack([places_m, np.full(places_m.shape[:2], camera.string_offset_m)])
