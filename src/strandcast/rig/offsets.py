@@ -232,26 +232,28 @@ def _plane_moves(place_m: np.ndarray) -> np.ndarray:
 
 def _posterior(trials: Sequence[_NormalEquations], plane_sd: np.ndarray, joints: int) -> OffsetFit:
     """Return the estimates, averaged over the zeros' scatter and over which numbers are wrong."""
-    sets = _Sets.of(joints)
-    count = sets.wrong.shape[1]
+    sets, right_sd, wrong_sd = _sets_of_numbers(joints)
+    count = len(wrong_sd)
+    probability = np.prod(np.where(sets, WRONG_SHARE, 1.0 - WRONG_SHARE), axis=1)
     sizes_rad = JOINT_ZERO_RAD * np.exp(np.log(SCATTER_FACTOR) * SIZES)
     pooled = [_pooled(trials, size_rad, joints) for size_rad in sizes_rad]
 
     def given(sd: np.ndarray, log: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         prior_sd = np.hstack([sd, np.tile(plane_sd, (len(sd), 1))])
-        each = [_given(one, prior_sd, count) for one in pooled]
-        log = np.array([one.log for one in each]) + log - 0.5 * SIZES[:, None] ** 2
+        each = zip(*(_given(*one, prior_sd, count) for one in pooled), strict=True)
+        mean, covariance, evidence = map(np.array, each)
+        log = evidence + log - 0.5 * SIZES[:, None] ** 2
         weight = np.exp(log - log.max())
-        mean, covariance = np.array([one.mean for one in each]), np.array([one.covariance for one in each])
         return weight / weight.sum(), mean, covariance
 
-    alone = _mixed(*given(FREE * sets.wrong_sd[None], np.zeros(1)))
-    weight, mean, covariance = given(sets.prior_sd, np.log(sets.probability))
-    each = [_mixed(weight[:, [h]], mean[:, [h]], covariance[:, [h]]) for h in range(len(sets.wrong))]
+    alone = _mixed(*given(FREE * wrong_sd[None], np.zeros(1)))
+    prior_sd, log = np.where(sets, wrong_sd, right_sd), np.log(probability / probability.sum())
+    weight, mean, covariance = given(prior_sd, log)
+    each = [_mixed(weight[:, [h]], mean[:, [h]], covariance[:, [h]]) for h in range(len(sets))]
     return OffsetFit(
         *alone,
-        wrong_sd=sets.wrong_sd,
-        sets=sets.wrong,
+        wrong_sd=wrong_sd,
+        sets=sets,
         probability=weight.sum(axis=0),
         given=np.array([value for value, _ in each]),
         given_covariance=np.array([square for _, square in each]),
@@ -260,39 +262,22 @@ def _posterior(trials: Sequence[_NormalEquations], plane_sd: np.ndarray, joints:
     )
 
 
-class _Sets(NamedTuple):
-    """The sets of numbers that may be wrong: which (H, p), standard deviations (H, p), probabilities (H,).
+def _sets_of_numbers(joints: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return sets of at most `MOST_WRONG` numbers (H, p), and standard deviations (p,) of right and wrong."""
+    wrong_sd = np.array([*[LINK_M] * (joints - 1), *[CLAMP_M] * 2, *[ZERO_RAD] * joints])
+    right_sd = np.array([*[RIGHT_M] * (joints + 1), *[RIGHT_RAD] * joints])
+    numbers = range(len(wrong_sd))
+    sets = [some for k in range(MOST_WRONG + 1) for some in combinations(numbers, k)]
+    return np.array([np.isin(numbers, some) for some in sets]), right_sd, wrong_sd
 
-    `wrong_sd` (p,) are those of wrong numbers.
+
+def _pooled(
+    trials: Sequence[_NormalEquations], size_rad: float, joints: int
+) -> tuple[np.ndarray, np.ndarray, float]:
+    """Return all trials' equations without their own unknowns, zeros of this scatter and clocks.
+
+    The square and the target of what they share, and the logarithm of what their own unknowns add.
     """
-
-    wrong: np.ndarray
-    prior_sd: np.ndarray
-    probability: np.ndarray
-    wrong_sd: np.ndarray
-
-    @classmethod
-    def of(cls, joints: int) -> _Sets:
-        """Return the sets of at most `MOST_WRONG` numbers."""
-        wrong_sd = np.array([*[LINK_M] * (joints - 1), *[CLAMP_M] * 2, *[ZERO_RAD] * joints])
-        right_sd = np.array([*[RIGHT_M] * (joints + 1), *[RIGHT_RAD] * joints])
-        numbers = range(len(wrong_sd))
-        sets = [some for k in range(MOST_WRONG + 1) for some in combinations(numbers, k)]
-        wrong = np.array([np.isin(numbers, some) for some in sets])
-        probability = np.prod(np.where(wrong, WRONG_SHARE, 1.0 - WRONG_SHARE), axis=1)
-        return cls(wrong, np.where(wrong, wrong_sd, right_sd), probability / probability.sum(), wrong_sd)
-
-
-class _Pooled(NamedTuple):
-    """All trials' equations in what they share, and the logarithm of what its own unknowns add to each."""
-
-    square: np.ndarray
-    target: np.ndarray
-    log: float
-
-
-def _pooled(trials: Sequence[_NormalEquations], size_rad: float, joints: int) -> _Pooled:
-    """Return all trials' equations without their own unknowns, zeros of this scatter and clocks."""
     own = np.diag([*[size_rad**-2] * joints, CLOCK_S**-2])
     square, target, log = np.zeros_like(trials[0].xx), np.zeros_like(trials[0].x), 0.0
     for one in trials:
@@ -301,24 +286,21 @@ def _pooled(trials: Sequence[_NormalEquations], size_rad: float, joints: int) ->
         square += one.xx - one.xu @ back[:, :-1]
         target += one.x - one.xu @ back[:, -1]
         log += 0.5 * (one.u @ back[:, -1] - np.linalg.slogdet(inner)[1] + np.linalg.slogdet(own)[1])
-    return _Pooled(square, target, float(log))
+    return square, target, float(log)
 
 
-class _Given(NamedTuple):
-    """Estimates given which numbers are wrong: (H, p), (H, p, p), and their log evidence (H,)."""
+def _given(
+    square: np.ndarray, target: np.ndarray, log: float, prior_sd: np.ndarray, count: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the first `count` unknowns of `_pooled` equations for each row of priors (H, p + 6).
 
-    mean: np.ndarray
-    covariance: np.ndarray
-    log: np.ndarray
-
-
-def _given(pooled: _Pooled, prior_sd: np.ndarray, count: int) -> _Given:
-    """Return the estimates of the first `count` unknowns for each row of priors (H, p + 6)."""
-    square = pooled.square + prior_sd[:, :, None] ** -2 * np.eye(prior_sd.shape[1])
-    covariance = np.linalg.inv(square)
-    mean = covariance @ pooled.target
-    log = 0.5 * (mean @ pooled.target - np.linalg.slogdet(square)[1]) - np.log(prior_sd).sum(axis=1)
-    return _Given(mean[:, :count], covariance[:, :count, :count], pooled.log + log)
+    Means (H, p), covariances (H, p, p), and the logarithms of the evidence (H,).
+    """
+    squares = square + prior_sd[:, :, None] ** -2 * np.eye(prior_sd.shape[1])
+    covariance = np.linalg.inv(squares)
+    mean = covariance @ target
+    own = 0.5 * (mean @ target - np.linalg.slogdet(squares)[1]) - np.log(prior_sd).sum(axis=1)
+    return mean[:, :count], covariance[:, :count, :count], log + own
 
 
 def _mixed(weight: np.ndarray, mean: np.ndarray, covariance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
