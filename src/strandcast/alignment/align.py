@@ -1,8 +1,7 @@
 """Align one trial: joint log and hand markers to offset and drift with uncertainty, or a refusal."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import NamedTuple
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -30,14 +29,14 @@ from strandcast.alignment.log_rows import log_rows_of, motion_span
 from strandcast.alignment.problem import ClockProblem, EventPair, Priors
 from strandcast.alignment.search import best_fit, fit_with_events
 from strandcast.alignment.single_error import with_single_error
-from strandcast.alignment.to_record import Heading, record_of_events, record_of_fit, sync_check
+from strandcast.alignment.to_record import record_of_events, record_of_fit, sync_check
 from strandcast.arm.load import PlanarArm
 from strandcast.config.align import AlignSettings
 from strandcast.records.alignment import Alignment, SyncCheck
 from strandcast.records.joint_log import JointLog, SyncEvent
 from strandcast.records.track import DetectedLed
-from strandcast.rig.faults import implausible_dimensions, refuse_wrong_dimensions
-from strandcast.rig.model import Detections, detections_of, rig_of
+from strandcast.rig.faults import implausible_dimensions, refuse_wrong_dimensions, rig_faults
+from strandcast.rig.model import detections_of, rig_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,30 +99,35 @@ def align(
     rig, detections = rig_of(arm), detections_of(video.markers, arm)
     rows = log_rows_of(robot.log, arm, robot.file)
     refuse_few_detections(detections)
-    priors = Priors(clock=settings)
+    known_drift, drift_sd = settings.drift
+    priors = Priors(known_drift=known_drift, drift=drift_sd)
     events = _events(video, robot, settings, trial)
-    heading = Heading(experiment, trial, robot.motion_s or motion_span(rows))
+    start_s, end_s = robot.motion_s or motion_span(rows)
+    heading = {"experiment": experiment, "trial": trial, "motion_start_s": start_s, "motion_end_s": end_s}
     no_motion = no_motion_error(detections, rows, arm, robot.file)
     if no_motion is not None:
-        pairs = events.paired(None) or events.led_paired(None).events
-        if not pairs or no_motion.code != "SC-A008":
+        seen = events.paired(None) or events.led_paired(None).events
+        if not seen or no_motion.code != "SC-A008":
             raise no_motion
-        return record_of_events(pairs, priors, heading)
+        return record_of_events(seen, priors, heading)
     files = robot.file, str(arm.path)
     data = AlignmentData(rig, rows, detections, settings.largest_offset_s, arm.joints, *files)
     best = best_fit(data, priors)
-    priors = priors.with_drift(best.fit.drift_prior)
+    priors = replace(priors, drift=best.fit.drift_prior)
     _refuse_mistakes(best, data, priors)
     best = with_single_error(best, rig, priors)
-    fastest = FastestPoint("a tip's", tip_speed_m_s) if tip_speed_m_s else _fastest_hand(best.covered)
-    checked = _checked_events(best, events, fastest)
-    if checked.pairs:
-        best = fit_with_events(best, rig, priors, checked.pairs)
-        best = with_single_error(best, rig, priors, checked.pairs)
+    fastest = FastestPoint("the hand's", best.covered.top_speed_m_s())
+    if tip_speed_m_s:
+        fastest = FastestPoint("a tip's", tip_speed_m_s)
+    pairs, checks, led_warnings = _checked_events(best, events, fastest)
+    if pairs:
+        best = fit_with_events(best, rig, priors, pairs)
+        best = with_single_error(best, rig, priors, pairs)
     else:
         refuse_uncertain(best, fastest)
-    warnings = [*warnings_of(best, rig, rows, priors, fastest), *checked.warnings]
-    return record_of_fit(best, rig, priors, heading, checked.checks, warnings)
+    faults = rig_faults(best.fit.rig_error, rig, priors)
+    warnings = [*warnings_of(best, rig, rows, faults, fastest), *led_warnings]
+    return record_of_fit(best, rig, priors, heading, checks, faults, warnings)
 
 
 @dataclass(frozen=True, eq=False)
@@ -162,16 +166,13 @@ def _events(video: VideoData, robot: RobotData, settings: AlignSettings, trial: 
     )
 
 
-class _CheckedEvents(NamedTuple):
-    """The events that the fit uses, the comparison of every event with the motion, and warnings."""
+def _checked_events(
+    best: Candidate, events: _Events, fastest: FastestPoint
+) -> tuple[tuple[EventPair, ...], list[SyncCheck], list[str]]:
+    """Return the events that the fit uses, the comparison of every event with the motion, and warnings.
 
-    pairs: tuple[EventPair, ...]
-    checks: list[SyncCheck]
-    warnings: Sequence[str]
-
-
-def _checked_events(best: Candidate, events: _Events, fastest: FastestPoint) -> _CheckedEvents:
-    """Compare the events with the fit to the motion, and refuse those that contradict it."""
+    An event that contradicts the motion is refused, the LED's are left out.
+    """
     by_motion = best.fit if best.determined else None
     pairs = events.paired(by_motion)
     if by_motion is not None:
@@ -180,7 +181,7 @@ def _checked_events(best: Candidate, events: _Events, fastest: FastestPoint) -> 
     used = not led.contradicted
     checks = [sync_check(e, best.fit, kind, True) for e, kind in zip(pairs, events.kinds, strict=True)]
     checks += [sync_check(e, best.fit, kind, used) for e, kind in zip(led.events, led.kinds, strict=True)]
-    return _CheckedEvents((*pairs, *(led.events if used else ())), checks, led.warnings)
+    return (*pairs, *(led.events if used else ())), checks, led.warnings
 
 
 def _refuse_mistakes(best: Candidate, data: AlignmentData, priors: Priors) -> None:
@@ -190,10 +191,6 @@ def _refuse_mistakes(best: Candidate, data: AlignmentData, priors: Priors) -> No
     refuse_uneven_clock(best, data)
     refuse_truncated_log(data, offset_s)
     if implausible_dimensions(best.fit.rig_error, priors):
-        free = WIDE.with_drift(priors.drift)
+        free = replace(WIDE, drift=priors.drift)
         wide = fit_clock(ClockProblem.of(rig, best.path, best.covered, offset_s, free))
         refuse_wrong_dimensions(wide.rig_error, wide.rig_error_se, rig, data.joint_names, data.arm_file)
-
-
-def _fastest_hand(detections: Detections) -> FastestPoint:
-    return FastestPoint("the hand's", detections.top_speed_m_s())

@@ -1,5 +1,7 @@
 """Refusals before and after the fit, and the warnings of a good one."""
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from strandcast.alignment.changing_rate import LEAST_SAVED, MOST_SIGMAS, capped_cost, uneven_clock
@@ -9,10 +11,9 @@ from strandcast.alignment.events import FastestPoint
 from strandcast.alignment.fine_fit import SHIFT_S, Candidate, ClockFit
 from strandcast.alignment.frame_rate import rate_words
 from strandcast.alignment.log_rows import MOVES, LogRows, hand_travel_m
-from strandcast.alignment.problem import Priors
 from strandcast.arm.load import PlanarArm
 from strandcast.errors import StrandcastError
-from strandcast.rig.faults import rig_faults
+from strandcast.records.record import RigFault
 from strandcast.rig.model import Detections, Rig
 
 # Chosen: what alignments of lab throws reach, with room; an offset of 2 ms costs 20 mm at 10 m/s.
@@ -81,15 +82,6 @@ def no_motion_error(
     )
 
 
-def no_overlap_error(file: str | None) -> StrandcastError:
-    """Return the refusal of a video that lies outside the log's time."""
-    return StrandcastError(
-        "SC-A007",
-        f"fewer than {LEAST_DETECTIONS} detections of the hand's markers lie within the joint log's time",
-        file=file,
-    )
-
-
 def refuse_truncated_log(data: AlignmentData, offset_s: float) -> None:
     """Refuse a log that begins or ends in mid-throw while the video shows the rest (SC-A007)."""
     rows, robot_s, speed = data.rows, data.detections.time_s + offset_s, data.detections.speed_m_s()
@@ -153,14 +145,16 @@ def refuse_uneven_clock(best: Candidate, data: AlignmentData) -> None:
         raise clock.error(off, "times, speeds and forces of these parts are wrong")
 
 
-def warnings_of(best: Candidate, rig: Rig, rows: LogRows, priors: Priors, fastest: FastestPoint) -> list[str]:
-    """Return the warnings of a good fit."""
+def warnings_of(
+    best: Candidate, rig: Rig, rows: LogRows, faults: Sequence[RigFault], fastest: FastestPoint
+) -> list[str]:
+    """Return the warnings of a good fit, those of the rig's faults among them."""
     fit, detections = best.fit, best.covered
     far = f"the hand in the video stays {best.residual_m * 1e3:.1f} mm rms from where the log puts it"
     return [
         *([far] if best.residual_m > PLAIN_RESIDUAL_M else []),
         *_clock_warnings(fit, detections, fastest),
-        *(fault.words for fault in rig_faults(fit.rig_error, rig, priors)),
+        *(fault.words for fault in faults),
         *_marker_warnings(fit, rig, detections),
         *_row_warnings(rows, int(best.path.outlier.sum())),
     ]

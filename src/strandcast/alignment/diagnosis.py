@@ -208,7 +208,7 @@ def _frame_rate(data: AlignmentData) -> list[tuple[float, Hypothesis]]:
         return []
     scaled = replace(data, detections=data.detections.scaled(ratio))
     offsets, _ = candidate_offsets(scaled)
-    fitted = _fit(scaled, float(offsets[0]), Priors().with_drift(ANY_RATE_DRIFT))
+    fitted = _fit(scaled, float(offsets[0]), Priors(drift=ANY_RATE_DRIFT))
     if fitted.full is None:
         return []
     drift = float(fitted.full[1])

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from strandcast.alignment.joints import JointPath
-from strandcast.config.align import AlignSettings
+from strandcast.config.align import DRIFT_SD
 from strandcast.core.pose import wrapped
 from strandcast.rig.model import Detections, Rig, RigError, RigPriors, marker_jacobian, marker_poses
 
@@ -18,28 +18,15 @@ OFFSET_UNIT_S = 1e-3
 class Priors(RigPriors):
     """Standard deviations of the fit's unknowns besides the offset; 0 fixes a value at its nominal one.
 
-    `clock` holds the prior of the drift: its mean and standard deviation.
+    `drift` is that of the clocks' relative drift, `known_drift` the mean of its prior.
     """
 
-    clock: AlignSettings = field(default_factory=AlignSettings)
-
-    @property
-    def drift(self) -> float:
-        """Standard deviation of the clocks' relative drift."""
-        return self.clock.drift[1]
-
-    @property
-    def known_drift(self) -> float:
-        """Mean of the drift's prior."""
-        return self.clock.drift[0]
-
-    def with_drift(self, drift: float) -> Priors:
-        """Return the same priors with another standard deviation of the drift."""
-        return replace(self, clock=self.clock.model_copy(update={"drift": (self.known_drift, drift)}))
+    known_drift: float = 0.0
+    drift: float = DRIFT_SD
 
     def scales(self, rig: Rig) -> np.ndarray:
         """Return the units of offset, drift and `RigError.vector`: 1 ms, then the standard deviations."""
-        return np.array([OFFSET_UNIT_S, self.drift, *self.of(rig).vector()])
+        return np.array([OFFSET_UNIT_S, self.drift, *self.of(rig)])
 
     def expected(self, rig: Rig) -> np.ndarray:
         """Return the priors' mean in these units: the known drift, and a rig as its files say."""

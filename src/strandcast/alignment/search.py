@@ -1,9 +1,16 @@
 """The best fit of all offsets at which log and video overlap."""
 
+from dataclasses import replace
+
 import numpy as np
 
-from strandcast.alignment.checks import no_overlap_error
-from strandcast.alignment.coarse_search import APART_S, AlignmentData, candidate_offsets, shape_change_m
+from strandcast.alignment.coarse_search import (
+    APART_S,
+    LEAST_DETECTIONS,
+    AlignmentData,
+    candidate_offsets,
+    shape_change_m,
+)
 from strandcast.alignment.diagnosis import diagnose
 from strandcast.alignment.fine_fit import SHIFT_S, Candidate, fitted
 from strandcast.alignment.problem import ClockProblem, EventPair, Priors
@@ -34,7 +41,11 @@ def best_fit(data: AlignmentData, priors: Priors) -> Candidate:
     near = offsets[coarse_m <= max(3.0 * coarse_m[0], 0.01)]
     fits = [found for offset_s in near if (found := _fitted(data, float(offset_s), priors)) is not None]
     if not fits:
-        raise no_overlap_error(data.log_file)
+        raise StrandcastError(
+            "SC-A007",
+            f"fewer than {LEAST_DETECTIONS} detections of the hand's markers lie within the joint log's time",
+            file=data.log_file,
+        )
     # Where log and video hardly overlap, the hand rests in both, and anything fits.
     shares = [float(found.covered.speed_m_s().sum()) for found in fits]
     fits = [found for found, share in zip(fits, shares, strict=True) if share >= LEAST_SHARE * max(shares)]
@@ -62,7 +73,7 @@ def _fitted(data: AlignmentData, offset_s: float, priors: Priors) -> Candidate |
     spread = np.sqrt(max(priors.drift**2 - found.fit.drift_se**2, (LEAST_SPREAD * priors.drift) ** 2))
     surprise = abs(found.fit.drift - priors.known_drift) > SURPRISE * spread
     if priors.drift < ANY_DRIFT and (surprise or found.residual_m > FREED_FROM_M):
-        freed = fitted(problem.with_priors(priors.with_drift(ANY_DRIFT)), shape_m)
+        freed = fitted(problem.with_priors(replace(priors, drift=ANY_DRIFT)), shape_m)
         if freed.residual_m < FREED_SHARE * found.residual_m or surprise:
             return freed
     return found

@@ -1,7 +1,7 @@
 """alignment.json from a fit, or from sync events alone."""
 
-from collections.abc import Sequence
-from typing import NamedTuple
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -11,16 +11,8 @@ from strandcast.alignment.fine_fit import Candidate, ClockFit
 from strandcast.alignment.problem import EventPair, Priors
 from strandcast.errors import StrandcastError
 from strandcast.records.alignment import Alignment, HandMarkerFit, SyncCheck
-from strandcast.rig.faults import rig_faults
+from strandcast.records.record import RigFault
 from strandcast.rig.model import Rig
-
-
-class Heading(NamedTuple):
-    """The first fields of every alignment; start and end of the motion are in robot time [s]."""
-
-    experiment: str
-    trial: int
-    motion_s: tuple[float, float]
 
 
 def sync_check(event: EventPair, fit: ClockFit, kind: str, used: bool) -> SyncCheck:
@@ -40,16 +32,15 @@ def record_of_fit(
     best: Candidate,
     rig: Rig,
     priors: Priors,
-    heading: Heading,
+    heading: Mapping[str, Any],
     checks: Sequence[SyncCheck],
+    faults: list[RigFault],
     warnings: Sequence[str],
 ) -> Alignment:
-    """Return the record of a fit to the hand's motion."""
-    faults = rig_faults(best.fit.rig_error, rig, priors)
+    """Return the record of a fit to the hand's motion; `heading` has the fields of every alignment."""
     fit, error, covered = best.fit, best.fit.rig_error, best.covered
     return Alignment(
-        experiment=heading.experiment,
-        trial=heading.trial,
+        **heading,
         source="fit",
         offset_s=fit.offset_s(),
         offset_se_s=fit.robot_se_s(0.0),
@@ -59,8 +50,6 @@ def record_of_fit(
         known_drift=priors.known_drift,
         residual_rms_m=best.residual_m,
         frames=len(np.unique(covered.time_s)),
-        motion_start_s=heading.motion_s[0],
-        motion_end_s=heading.motion_s[1],
         marker_shift_m=error.shift_m.mean(axis=0).tolist(),
         marker_turn_rad=float(error.turn_rad.mean()),
         base_shift_m=error.base_m.tolist(),
@@ -90,7 +79,7 @@ def _marker_fit(best: Candidate, name: int, index: int) -> HandMarkerFit:
     )
 
 
-def record_of_events(events: list[EventPair], priors: Priors, heading: Heading) -> Alignment:
+def record_of_events(events: list[EventPair], priors: Priors, heading: Mapping[str, Any]) -> Alignment:
     """Return the record of an alignment by sync events alone: the hand does not move.
 
     SC-A018: the events contradict each other.
@@ -111,8 +100,7 @@ def record_of_events(events: list[EventPair], priors: Priors, heading: Heading) 
     se_s = float(np.sqrt(back @ covariance @ back))
     half_ms = NORMAL * float(np.sqrt(covariance[0, 0])) * 1e3
     return Alignment(
-        experiment=heading.experiment,
-        trial=heading.trial,
+        **heading,
         source="event",
         offset_s=offset_s,
         offset_se_s=se_s,
@@ -122,8 +110,6 @@ def record_of_events(events: list[EventPair], priors: Priors, heading: Heading) 
         known_drift=priors.known_drift,
         residual_rms_m=None,
         frames=0,
-        motion_start_s=heading.motion_s[0],
-        motion_end_s=heading.motion_s[1],
         middle_se_s=float(np.sqrt(covariance[0, 0])),
         middle_camera_time_s=middle_s,
         warnings=[

@@ -121,16 +121,13 @@ class RigError:
     @classmethod
     def none(cls, rig: Rig) -> RigError:
         """Return the errors of a rig that is exactly as its files say."""
-        return cls.from_vector(np.zeros(5 + 2 * len(rig.chain.lengths_m) + 3 * len(rig.place_m)), rig)
+        return cls.from_vector(np.zeros(sum(error_counts(rig))), rig)
 
     @classmethod
     def from_vector(cls, vector: np.ndarray, rig: Rig) -> RigError:
         """Return the errors in a vector (5 + 2 J + 3 K,), the inverse of `vector`."""
-        joints, markers = len(rig.chain.lengths_m), len(rig.place_m)
-        base, stretch, zero, length, shift, turn = np.split(
-            vector, np.cumsum([2, 3, joints, joints, 2 * markers])
-        )
-        return cls(base, stretch, zero, length, shift.reshape(markers, 2), turn)
+        base, stretch, zero, length, shift, turn = np.split(vector, np.cumsum(error_counts(rig))[:-1])
+        return cls(base, stretch, zero, length, shift.reshape(-1, 2), turn)
 
     def vector(self) -> np.ndarray:
         """Return all errors as a vector (5 + 2 J + 3 K,), in the order of the attributes."""
@@ -144,6 +141,12 @@ class RigError:
         """
         link_m = rotated(np.array([self.length_m[-1], 0.0]), np.array(-clamp.angle_rad))
         return np.asarray(self.shift_m + link_m)
+
+
+def error_counts(rig: Rig) -> list[int]:
+    """Return how many numbers each attribute of a rig's `RigError` has."""
+    joints, markers = len(rig.chain.lengths_m), len(rig.place_m)
+    return [2, 3, joints, joints, 2 * markers, markers]
 
 
 @dataclass(frozen=True)
@@ -162,17 +165,13 @@ class RigPriors:
     marker_shift_m: float = 3e-3
     marker_turn_rad: float = 0.02
 
-    def of(self, rig: Rig) -> RigError:
-        """Return the standard deviation of each of a rig's errors."""
-        joints, markers = len(rig.chain.lengths_m), len(rig.place_m)
-        return RigError(
-            np.full(2, self.base_shift_m),
-            np.full(3, self.stretch),
-            np.full(joints, self.joint_zero_rad),
-            np.full(joints, self.link_length_m),
-            np.full((markers, 2), self.marker_shift_m),
-            np.full(markers, self.marker_turn_rad),
+    def of(self, rig: Rig) -> np.ndarray:
+        """Return the standard deviation of each of a rig's errors, as `RigError.vector`."""
+        sd = (
+            *(self.base_shift_m, self.stretch, self.joint_zero_rad),
+            *(self.link_length_m, self.marker_shift_m, self.marker_turn_rad),
         )
+        return np.repeat(sd, error_counts(rig))
 
 
 def rig_of(arm: PlanarArm) -> Rig:
