@@ -58,7 +58,7 @@ def thrown(
     random = np.random.default_rng(seed)
     base_m, turn_rad, (along_x, along_y, shear) = (random.normal(0.0, 1e-3, n) for n in (2, 1, 3))
     trials = []
-    for trial in range(1, count + 1):
+    for _ in range(count):
         q_rad = motion(random)
         time_s = np.arange(len(q_rad)) * STEP_S
         zeros_rad = random.normal(0.0, scatter_rad, 3)
@@ -71,7 +71,7 @@ def thrown(
         )
         hand_m = with_tracker_noise(hand_m[:, None], STEP_S, noise, random)[:, 0]
         there = np.isfinite(hand_m).all(axis=1)
-        trials.append(HandSeen(trial, time_s[there], hand_m[there], q_rad[there]))
+        trials.append(HandSeen(time_s[there], hand_m[there], q_rad[there]))
     return trials
 
 
@@ -155,7 +155,7 @@ def test_a_link_and_a_zero_that_motions_cannot_tell_apart_are_both_named(arm: Pl
 def test_one_trial_or_a_short_look_is_not_enough(arm: PlanarArm) -> None:
     trials = thrown(arm, off_by(link_2=0.004), 0, 2)
     assert fit_offsets(arm, trials[:1], PLANE_SD_M) is None
-    short = HandSeen(2, *(values[:40] for values in trials[1][1:]))
+    short = HandSeen(*(values[:40] for values in trials[1]))
     assert fit_offsets(arm, [trials[0], short], PLANE_SD_M) is None
 
 

@@ -57,29 +57,20 @@ def no_motion_error(
             file=file,
             cost=NO_CLOCK,
         )
+    count = len(rows.time_s)
     if video_m < log_m:
-        return StrandcastError(
-            "SC-A007",
-            f"the hand moves {video_m * 1e3:.1f} mm in the video and {log_m * 1e3:.0f} mm by the log",
-            cost=NO_CLOCK,
-            fix="the video begins after the throw or ends before it: use the one that shows it",
-        )
-    if len(rows.time_s) < LEAST_DETECTIONS:
-        return StrandcastError(
-            "SC-A007",
-            f"the log has {len(rows.time_s)} rows, at least {LEAST_DETECTIONS} are needed",
-            file=file,
-            cost=NO_CLOCK,
-            fix="copy the whole log of this throw, and log at 50 Hz or more",
-        )
-    return StrandcastError(
-        "SC-A007",
-        f"the joints do not move in the log ({len(rows.time_s)} rows, "
-        f"{rows.time_s[-1] - rows.time_s[0]:.2f} s) while the hand moves {video_m * 1e3:.0f} mm in the video",
-        file=file,
-        cost=NO_CLOCK,
-        fix="the log ends before the throw, or begins after it: copy the whole log of this throw",
-    )
+        what = f"the hand moves {video_m * 1e3:.1f} mm in the video and {log_m * 1e3:.0f} mm by the log"
+        fix = "the video begins after the throw or ends before it: use the one that shows it"
+        file = None
+    elif count < LEAST_DETECTIONS:
+        what = f"the log has {count} rows, at least {LEAST_DETECTIONS} are needed"
+        fix = "copy the whole log of this throw, and log at 50 Hz or more"
+    else:
+        length_s, moved_mm = rows.time_s[-1] - rows.time_s[0], video_m * 1e3
+        what = f"the joints do not move in the log ({count} rows, {length_s:.2f} s) while the hand moves "
+        what += f"{moved_mm:.0f} mm in the video"
+        fix = "the log ends before the throw, or begins after it: copy the whole log of this throw"
+    return StrandcastError("SC-A007", what, file=file, cost=NO_CLOCK, fix=fix)
 
 
 def refuse_truncated_log(data: AlignmentData, offset_s: float) -> None:

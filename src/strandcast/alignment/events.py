@@ -1,18 +1,22 @@
 """Events on both clocks, such as an LED that the controller switches: an offset independent of the motion."""
 
 from collections.abc import Sequence
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 
 from strandcast.alignment.fine_fit import ClockFit
 from strandcast.alignment.problem import EventPair
+from strandcast.config.align import VideoSyncEvent
 from strandcast.errors import StrandcastError
 from strandcast.records.joint_log import SYNC_HIGH, JointLog, SyncEvent
+from strandcast.records.track import DetectedSwitch
 
 CONTRADICTION = 4.0  # standard deviations; chosen
 LEAST_SIGMA_S = 1e-5
 SYNC_OUTPUT = "sync output"  # kind of the events in the log's flags
+
+VideoEvent = VideoSyncEvent | DetectedSwitch  # by the settings, or by tracking
 
 
 class FastestPoint(NamedTuple):
@@ -27,25 +31,6 @@ class FastestPoint(NamedTuple):
 
     def __str__(self) -> str:
         return f"{self.owner} {self.speed_m_s:.1f} m/s"
-
-
-class VideoEvent(Protocol):
-    """An event in the video: its kind, camera time and the time's standard deviation [s].
-
-    Settings (`VideoSyncEvent`) and tracking (`DetectedSwitch`) both provide them.
-    """
-
-    @property
-    def kind(self) -> str:
-        """The event's kind."""
-
-    @property
-    def camera_time_s(self) -> float:
-        """Its time in the video [s]."""
-
-    @property
-    def sigma_s(self) -> float:
-        """Standard deviation of that time [s]."""
 
 
 def robot_events(log: JointLog, recorded: Sequence[SyncEvent]) -> list[SyncEvent]:

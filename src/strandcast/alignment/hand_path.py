@@ -39,14 +39,11 @@ def hand_table(
 
 def hand_columns(paths: dict[str, tuple[np.ndarray, Pose]]) -> dict[str, np.ndarray]:
     """Return the columns of hand.parquet from robot times (T,) [s] and poses (T,) by source."""
+    poses = np.concatenate([pose.array() for _, pose in paths.values()])
     return {
-        "source": np.concatenate(
-            [np.full(len(times), source, dtype=object) for source, (times, _) in paths.items()]
-        ),
+        "source": np.repeat(np.array(list(paths), dtype=object), [len(pose) for _, pose in paths.values()]),
         "robot_time_s": np.concatenate([times for times, _ in paths.values()]),
-        "x_m": np.concatenate([pose.position_m[:, 0] for _, pose in paths.values()]),
-        "y_m": np.concatenate([pose.position_m[:, 1] for _, pose in paths.values()]),
-        "angle_rad": np.concatenate([pose.angle_rad for _, pose in paths.values()]),
+        **dict(zip(("x_m", "y_m", "angle_rad"), poses.T, strict=True)),
     }
 
 

@@ -1,7 +1,6 @@
 """The joints as smooth functions of time, from a log with noise, late and wrong rows, and holes."""
 
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 import scipy
@@ -132,12 +131,12 @@ def joint_path(time_s: np.ndarray, q_rad: np.ndarray, span_s: tuple[float, float
     weight = np.ones(len(time_s))
     repeated = np.concatenate([[False], (np.diff(q_rad, axis=0) == 0.0).all(axis=1)])
     for _ in range(ROUNDS):
-        smoothed = _smoothed(basis, weight, q_rad)
-        spline = scipy.interpolate.BSpline(knots, np.einsum("jcr,rj->cj", smoothed.smoother, q_rad), 3)
+        smoother, shape, kept_share = _smoother(basis, weight, q_rad)
+        spline = scipy.interpolate.BSpline(knots, np.einsum("jcr,rj->cj", smoother, q_rad), 3)
         off, speed = q_rad - basis @ spline.c, spline(time_s, 1)
         # A spline that is free to follow the rows follows their noise.
-        encoder, jitter_s = row_noise(off / smoothed.residual_share, speed)
-        apart = np.abs(off) / smoothed.residual_share
+        encoder, jitter_s = row_noise(off / kept_share, speed)
+        apart = np.abs(off) / kept_share
         # Where the acceleration jumps, the splines miss all rows of a precise log for some knots by more than
         # its noise.
         missed = MAD * scipy.ndimage.median_filter(
@@ -148,8 +147,8 @@ def joint_path(time_s: np.ndarray, q_rad: np.ndarray, span_s: tuple[float, float
         stirring = (pace > STIRRING * pace.max()) & (usual_s * np.abs(speed) > GRID * encoder).any(axis=1)
         outlier = (apart.max(axis=1) > OUTLIER) | (repeated & stirring)
         weight = np.where(outlier, 1e-9, 1.0)
-    covariance = smoothed.covariance * encoder[:, None, None] ** 2
-    return JointPath(spline, covariance, smoothed.smoother, encoder, jitter_s, speed, outlier)
+    covariance = shape * encoder[:, None, None] ** 2
+    return JointPath(spline, covariance, smoother, encoder, jitter_s, speed, outlier)
 
 
 def without_row_noise(time_s: np.ndarray, q_rad: np.ndarray) -> np.ndarray:
@@ -157,23 +156,18 @@ def without_row_noise(time_s: np.ndarray, q_rad: np.ndarray) -> np.ndarray:
     return joint_path(time_s, q_rad, (float(time_s[0]), float(time_s[-1]))).at(time_s)
 
 
-class _Smoothed(NamedTuple):
-    """A smoothing: the map from rows to coefficients, and its effect on the rows' noise.
-
-    smoother is (J, C, R); covariance (J, C, C) of the coefficients over the noise's variance; residual_share
-    (J,) the share of the noise that the residuals keep.
-    """
-
-    smoother: np.ndarray
-    covariance: np.ndarray
-    residual_share: np.ndarray
-
-
-def _smoothed(basis: np.ndarray, weight: np.ndarray, q_rad: np.ndarray) -> _Smoothed:
+def _smoother(
+    basis: np.ndarray, weight: np.ndarray, q_rad: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Smooth each joint as much as maximises its restricted likelihood.
 
     Third differences of the coefficients are taken as normal (Wood, Journal of the Royal Statistical Society
     B 73, 2011).
+
+    Returns
+    -------
+    The coefficients from the rows (J, C, R), their covariance over the noise's variance (J, C, C), and the
+    share of the noise that the residuals keep (J,).
     """
     coefficients = basis.shape[1]
     third = np.diff(np.eye(coefficients), n=3, axis=0)
@@ -195,7 +189,7 @@ def _smoothed(basis: np.ndarray, weight: np.ndarray, q_rad: np.ndarray) -> _Smoo
     best = kept[np.argmin(cost, axis=0)]
     shape = np.stack([(back * one) @ back.T for one in best])
     free = np.sqrt(np.maximum(1.0 - best.sum(axis=1) / counted, 0.1))
-    return _Smoothed(shape @ (basis.T * weight), shape, free)
+    return shape @ (basis.T * weight), shape, free
 
 
 def _basis(time_s: np.ndarray, knots: np.ndarray) -> np.ndarray:

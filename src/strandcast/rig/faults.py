@@ -1,7 +1,5 @@
 """What one throw says against the arm's file, the hand's markers and the plane: faults, and refusals."""
 
-from typing import NamedTuple
-
 import numpy as np
 
 from strandcast.core.pose import rotated
@@ -14,27 +12,22 @@ LARGEST_LENGTH_M = 0.010
 LARGEST_TURN_RAD = 0.15
 
 
-class _Place(NamedTuple):
-    """Where a constant of the rig is stated: what a wrong one costs, and what to do."""
-
-    field: str
-    cost: str
-    fix: str
-
-
-ARM = _Place(
-    ARM_FILE,
-    "plans aim with a wrong arm: hand and tip pass beside where they were planned",
-    "check the arm's and the experiment's files",
-)
-PLANE = _Place(
-    "camera.plane",
-    "the camera's places are not the robot's: the string, and the miss, are seen elsewhere",
-    "measure size and places of the plane's markers, and where the arm's base is among them",
-)
-HAND = _Place(
-    "markers.hand", "the hand is seen elsewhere", "measure place_m of markers.hand in the arm's file"
-)
+# Where constants of the rig are stated: what a wrong one costs, and what to do.
+ARM = {
+    "field": ARM_FILE,
+    "cost": "plans aim with a wrong arm: hand and tip pass beside where they were planned",
+    "fix": "check the arm's and the experiment's files",
+}
+PLANE = {
+    "field": "camera.plane",
+    "cost": "the camera's places are not the robot's: the string, and the miss, are seen elsewhere",
+    "fix": "measure size and places of the plane's markers, and where the arm's base is among them",
+}
+HAND = {
+    "field": "markers.hand",
+    "cost": "the hand is seen elsewhere",
+    "fix": "measure place_m of markers.hand in the arm's file",
+}
 
 
 def rig_faults(error: RigError, rig: Rig, priors: RigPriors) -> list[RigFault]:
@@ -84,14 +77,10 @@ def rig_faults(error: RigError, rig: Rig, priors: RigPriors) -> list[RigFault]:
                 abs(turn_rad),
                 priors.marker_turn_rad,
                 f"marker {name} is turned by {turn_rad:+.3f} rad",
-                HAND._replace(fix="measure angle_rad of markers.hand in the arm's file"),
+                HAND | {"fix": "measure angle_rad of markers.hand in the arm's file"},
             ),
         ]
-    return [
-        RigFault(what=words, cost=place.cost, fix=place.fix, field=place.field)
-        for size, sd, words, place in found
-        if size > SURE_SD * sd > 0
-    ]
+    return [RigFault(what=words, **place) for size, sd, words, place in found if size > SURE_SD * sd > 0]
 
 
 def implausible_dimensions(error: RigError, priors: RigPriors) -> bool:

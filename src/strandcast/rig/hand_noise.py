@@ -25,7 +25,9 @@ def noise_root(off_m: np.ndarray, columns: np.ndarray, time_s: np.ndarray) -> np
         (F,) of the frames.
     """
     frames = len(time_s)
-    basis, size, _ = np.linalg.svd(columns.reshape(2 * frames, -1) / _norms(columns), full_matrices=False)
+    norms = np.sqrt((columns**2).sum(axis=(0, 1)))
+    norms = np.where(norms > 0.0, norms, 1.0)
+    basis, size, _ = np.linalg.svd(columns.reshape(2 * frames, -1) / norms, full_matrices=False)
     basis = basis[:, size > 1e-9 * size[0]]
     free = 2 * frames - basis.shape[1]
     best, found = -np.inf, np.zeros((frames, frames))
@@ -53,9 +55,3 @@ def _roots(time_s: np.ndarray) -> Iterator[np.ndarray]:
         alike = np.exp(-apart_s / shared_s)
         for share in SHARES:
             yield np.linalg.cholesky(share * alike + (1.0 - share) * np.eye(len(time_s)))
-
-
-def _norms(columns: np.ndarray) -> np.ndarray:
-    """Return the lengths (c,) of columns (F, 2, c), 1 of those that are zero."""
-    norms = np.sqrt((columns**2).sum(axis=(0, 1)))
-    return np.where(norms > 0.0, norms, 1.0)

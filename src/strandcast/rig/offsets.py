@@ -53,7 +53,6 @@ POSSIBLE = 0.05  # least probability at which a set explains the trials; usual
 class HandSeen(NamedTuple):
     """One trial: the tracked hand (F, 2) [m] at times (F,) [s], the log's joints then (F, J) [rad]."""
 
-    trial: int
     time_s: np.ndarray
     hand_m: np.ndarray
     q_rad: np.ndarray
@@ -164,7 +163,7 @@ def fit_offsets(arm: PlanarArm, seen: Sequence[HandSeen], plane_sd_m: float) -> 
 def _thinned(seen: HandSeen) -> HandSeen:
     """Return a trial with every so many of its frames, at most `MOST_FRAMES`."""
     every = slice(None, None, -(-len(seen.time_s) // MOST_FRAMES))
-    return HandSeen(seen.trial, seen.time_s[every], seen.hand_m[every], seen.q_rad[every])
+    return HandSeen(*(column[every] for column in seen))
 
 
 def _hand_m(arm: PlanarArm, q_rad: np.ndarray, value: np.ndarray) -> np.ndarray:

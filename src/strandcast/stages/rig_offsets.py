@@ -53,7 +53,7 @@ def _hand_seen(arm: PlanarArm, trial: Trial) -> HandSeen | None:
     if len(time_s) < LEAST_FRAMES or ((log_s >= time_s[0]) & (log_s <= time_s[-1])).sum() < LEAST_FRAMES:
         return None
     path = joint_path(log_s, q_rad, (float(time_s[0]), float(time_s[-1])))
-    return HandSeen(trial.number, time_s, hand_m[known], path.at(time_s))
+    return HandSeen(time_s, hand_m[known], path.at(time_s))
 
 
 def _plane_sd_m(camera: Path) -> float:
