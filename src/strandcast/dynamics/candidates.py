@@ -39,6 +39,7 @@ from strandcast.dynamics.equilibrium import hanging, respaced
 from strandcast.dynamics.parameters import Array
 from strandcast.dynamics.simd import CACHED, INLINED
 from strandcast.dynamics.step import STABLE, stretch_damping
+from strandcast.dynamics.string_state import ReadyStrings, StepSettings
 from strandcast.threads import over_ranges
 
 HANGING, RESPACED, AS_GIVEN, SETTLED = range(4)
@@ -75,32 +76,20 @@ class StartArrays(NamedTuple):
     velocity_m_s: Array
 
 
-class ReadyStrings(NamedTuple):
-    """Coefficients and starts of B candidates, in double precision and the layout of the vectors.
-
-    Attributes
-    ----------
-    c
-        (COEFFICIENTS, B) rows as listed in `strandcast.dynamics.elements`.
-    d, v
-        (2n, B) segments [m] and (2n + 2, B) velocities [m/s] at the start; see `StringMotion`.
-    """
-
-    c: Array
-    d: Array
-    v: Array
+def columns_of(candidates: Candidates, coefficients: int) -> ReadyStrings:
+    """Return candidates in columns, at rest; their coefficients and segments are not yet filled in."""
+    (count, n), axes = candidates.masses.shape, candidates.shift_m.shape[1]
+    rows = (candidates.masses, candidates.factor, candidates.shift_m)
+    mass, factor, shift = (np.ascontiguousarray(each.T) for each in rows)
+    d, v = np.empty((axes * n, count)), np.zeros((axes * (n + 1), count))
+    return ReadyStrings(np.zeros((coefficients, count)), mass, factor, d, v, shift)
 
 
-def ready(
-    candidates: Candidates, poses: Array, start: StartArrays, reading: int, step: float
-) -> ReadyStrings:
-    """Return what steps of this length [s] need of candidates on the hand's paths `poses` (1 or B, T, 3)."""
-    count, n = candidates.masses.shape
-    strings = ReadyStrings(
-        np.empty((COEFFICIENTS, count)), np.empty((2 * n, count)), np.zeros((2 * n + 2, count))
-    )
+def ready(candidates: Candidates, poses: Array, start: StartArrays, settings: StepSettings) -> ReadyStrings:
+    """Return what steps need of candidates on the hand's paths `poses` (1 or B, T, 3)."""
+    strings, (step, _, _, _, reading, *_) = columns_of(candidates, COEFFICIENTS), settings
     over_ranges(
-        count,
+        len(candidates.masses),
         lambda first, last: _prepare(first, last, candidates, poses, start, reading, step, strings),
     )
     return strings

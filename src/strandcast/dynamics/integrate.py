@@ -7,15 +7,16 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba import njit
 
-from strandcast.dynamics.candidates import Candidates, ReadyStrings
 from strandcast.dynamics.elements import COEFFICIENTS
 from strandcast.dynamics.hand import COS, DRATE, DRIVING, DVX, DVY, RATE, SIN, VX, VY, X, drive
 from strandcast.dynamics.observe import FAR_M, LONGEST, RESULTS, SHORTEST, VALUE, Outputs, observe
 from strandcast.dynamics.parameters import Array
 from strandcast.dynamics.simd import CACHED, INLINED, flush_denormals, load, maximum, minimum, splat, store
+from strandcast.dynamics.spatial.step import SPATIAL_COEFFICIENTS, SPATIAL_ROWS
 from strandcast.dynamics.step import advance
 from strandcast.dynamics.string_state import (
     ROWS,
+    ReadyStrings,
     StepSettings,
     StringArrays,
     StringMotion,
@@ -28,27 +29,36 @@ _LINE = 64  # bytes of a cache line
 
 
 @njit(**INLINED)
-def _hand_value(spec: Any, path: Any, own: bool, row: int) -> Any:
-    """Return one row of `path`: each candidate's own, or the same for all."""
+def path_row(spec: Any, path: Any, common: Any, own: bool, row: int) -> Any:
+    """Return one row of each candidate's own path, or of the common one."""
     if own:
         return load(spec, path, row)
-    return splat(spec, path[row, 0])
+    return splat(spec, common[row, 0])
 
 
 @njit(**INLINED)
-def _hand(spec: Any, path: Any, own: bool, k: int) -> tuple[Any, Any, Any, Any, Any, Any, Any, Any]:
-    """Return the hand at step k."""
-    r = k * DRIVING
+def _hand(
+    spec: Any, path: Any, common: Any, own: bool, r: int
+) -> tuple[Any, Any, Any, Any, Any, Any, Any, Any]:
+    """Return the hand with the rows from r on."""
     return (
-        _hand_value(spec, path, own, r + VX),
-        _hand_value(spec, path, own, r + VY),
-        _hand_value(spec, path, own, r + COS),
-        _hand_value(spec, path, own, r + SIN),
-        _hand_value(spec, path, own, r + RATE),
-        _hand_value(spec, path, own, r + DVX),
-        _hand_value(spec, path, own, r + DVY),
-        _hand_value(spec, path, own, r + DRATE),
+        path_row(spec, path, common, own, r + VX),
+        path_row(spec, path, common, own, r + VY),
+        path_row(spec, path, common, own, r + COS),
+        path_row(spec, path, common, own, r + SIN),
+        path_row(spec, path, common, own, r + RATE),
+        path_row(spec, path, common, own, r + DVX),
+        path_row(spec, path, common, own, r + DVY),
+        path_row(spec, path, common, own, r + DRATE),
     )
+
+
+@njit(**INLINED)
+def put_hand_place(path: Any, common: Any, own: bool, row: int, place: Array) -> None:
+    """Write the hand's place from the rows from `row` on (2 or 3, width or 1)."""
+    for lane in range(place.shape[1]):
+        for axis in range(place.shape[0]):
+            place[axis, lane] = path[row + axis, lane] if own else common[row + axis, 0]
 
 
 class Workspace(NamedTuple):
@@ -65,7 +75,7 @@ class Workspace(NamedTuple):
     path
         The hand's motion of each lane, where each candidate has its own.
     hand_place
-        (2, W or 1) the hand's place at an output.
+        (2 or 3, W or 1) the hand's place at an output.
     """
 
     string: StringArrays
@@ -78,49 +88,60 @@ class Workspace(NamedTuple):
     hand_place: Array
 
 
-def workspace(spec: VectorSpec, points: int, own_steps: int, *, sticks: bool = False) -> Workspace:
-    """Return work arrays for strings of so many points.
+def workspace(spec: VectorSpec, n: int, axes: int, path_rows: int, *, sticks: bool) -> Workspace:
+    """Return work arrays for strings of n points, in the plane (2 axes) or in space.
 
-    `own_steps` with a path for each lane, or 0; `sticks`: with the state of friction that sticks.
+    `path_rows` of each lane's own path, or 0; `sticks`: with the state of friction that sticks.
     """
-    n, width = points, spec.width
+    if axes == 2:
+        coefficients, rows, stick_rows = COEFFICIENTS, ROWS, 2 * n
+    else:
+        coefficients, rows, stick_rows = SPATIAL_COEFFICIENTS, SPATIAL_ROWS, 4 * (n + 1)
     sizes = (
-        *(COEFFICIENTS, n, n, 2 * n, 2 * n + 2, 2 * n + 2),
-        *(ROWS * (n + 1), 2 * n, RESULTS, 2, max(own_steps * DRIVING, 1), 2 * n * sticks),
+        *(coefficients, n, n, axes * n, axes * (n + 1), axes * (n + 1)),
+        *(rows * (n + 1), axes * n, RESULTS, axes, max(path_rows, 1), stick_rows * sticks),
     )
-    flat = np.empty(sum(sizes) * width + _LINE, spec.dtype)
+    flat = np.zeros(sum(sizes) * spec.width + _LINE, spec.dtype)
     first = (-flat.ctypes.data % _LINE) // flat.itemsize
-    rows = flat[first : first + sum(sizes) * width].reshape(-1, width)
-    ends = list(accumulate(sizes, initial=0))
-    parts = [rows[start:end] for start, end in pairwise(ends)]
+    lines = flat[first : first + sum(sizes) * spec.width].reshape(-1, spec.width)
+    parts = [lines[start:end] for start, end in pairwise(accumulate(sizes, initial=0))]
     c, mass, factor, d, v, dv, step, place, results, shift, path, stick = parts
     string, motion = StringArrays(n, c, mass, factor), StringMotion(d, v, dv, stick if sticks else None)
-    hand_place = np.empty((2, width if own_steps else 1))
+    hand_place = np.empty((axes, spec.width if path_rows else 1))
     return Workspace(string, motion, step, place, results, shift, path, hand_place)
 
 
 @njit(**INLINED)
-def _load_strings(
+def _copy_lanes(first: int, given: Any, rows: Any) -> None:
+    """Fill all lanes from candidate `first` on; those after the last candidate repeat it."""
+    for lane in range(rows.shape[1]):
+        b = min(first + lane, given.shape[1] - 1)
+        for row in range(rows.shape[0]):
+            rows[row, lane] = given[row, b]
+
+
+@njit(**INLINED)
+def load_strings(
+    spec: Any,
     first: int,
-    candidates: Candidates,
     strings: ReadyStrings,
     string: StringArrays,
     motion: StringMotion,
     shift: Any,
+    results: Any,
 ) -> None:
-    """Fill all lanes from candidate `first` on; those after the last candidate repeat it."""
-    count, n = candidates.masses.shape
-    for lane in range(shift.shape[1]):
-        b = min(first + lane, count - 1)
-        for row in range(COEFFICIENTS):
-            string.c[row, lane] = strings.c[row, b]
-        for i in range(n):
-            string.mass[i, lane], string.factor[i, lane] = candidates.masses[b, i], candidates.factor[b, i]
-        for row in range(2 * n):
-            motion.d[row, lane] = strings.d[row, b]
-        for row in range(2 * n + 2):
-            motion.v[row, lane], motion.dv[row, lane] = strings.v[row, b], 0.0
-        shift[0, lane], shift[1, lane] = candidates.shift_m[b, 0], candidates.shift_m[b, 1]
+    """Fill all lanes from candidate `first` on, without results."""
+    _copy_lanes(first, strings.c, string.c)
+    _copy_lanes(first, strings.mass, string.mass)
+    _copy_lanes(first, strings.factor, string.factor)
+    _copy_lanes(first, strings.d, motion.d)
+    _copy_lanes(first, strings.shift, shift)
+    _copy_lanes(first, strings.v, motion.v)
+    for row in range(motion.dv.shape[0]):
+        store(spec, motion.dv, row, splat(spec, 0.0))
+    store(spec, results, LONGEST, splat(spec, 0.0))
+    store(spec, results, SHORTEST, splat(spec, ANY_LENGTH_M))
+    store(spec, results, VALUE, splat(spec, 0.0))
 
 
 @njit(**INLINED)
@@ -141,7 +162,6 @@ def integrate(
     last: int,
     spec: Any,
     work: Workspace,
-    candidates: Candidates,
     strings: ReadyStrings,
     hand: Any,
     common: Any,
@@ -156,7 +176,7 @@ def integrate(
     ----------
     spec, work
         `strandcast.dynamics.vectors.VectorSpec` of width W, and the `workspace` of this thread.
-    candidates, strings, outputs
+    strings, outputs
         See there.
     hand
         (T,) times [s] and (1 or B, T, 3) poses: the hand's path, common or each candidate's own.
@@ -173,25 +193,19 @@ def integrate(
     control = flush_denormals(-1)
     for g in range(first, last):
         b = g * width
-        _load_strings(b, candidates, strings, string, motion, shift)
+        load_strings(spec, b, strings, string, motion, shift, results)
         if own:
             for lane in range(width):
                 drive(time_s, poses[min(b + lane, len(poses) - 1)], settings.step, steps, lane, path)
-        for lane in range(width):
-            results[LONGEST, lane], results[SHORTEST, lane], results[VALUE, lane] = 0.0, ANY_LENGTH_M, 0.0
         f: Any = np.int64(0)  # a literal would have `observe` compiled twice
         for k in range(steps):
-            hand_now = _hand(spec, path, own, k) if own else _hand(spec, common, own, k)
+            hand_now = _hand(spec, path, common, own, k * DRIVING)
             longest, shortest = advance(spec, string, motion, hand_now, step_work, at_step(settings, k))
             store(spec, results, LONGEST, maximum(longest, load(spec, results, LONGEST)))
             store(spec, results, SHORTEST, minimum(shortest, load(spec, results, SHORTEST)))
-            if f < len(at) and at[f] <= k + 1:
-                for lane in range(hand_place.shape[1]):
-                    for axis in range(2):
-                        r = k * DRIVING + X + axis
-                        hand_place[axis, lane] = path[r, lane] if own else common[r, 0]
-                while f < len(at) and at[f] <= k + 1:
-                    observe(spec, k, f, settings.step, motion, place, hand_place, outputs, shift, b, results)
-                    f += 1
+            while f < len(at) and at[f] <= k + 1:
+                put_hand_place(path, common, own, k * DRIVING + X, hand_place)
+                observe(spec, k, f, settings.step, motion, place, hand_place, outputs, shift, b, results)
+                f += 1
         keep_results(b, motion.d, results, kept)
     flush_denormals(control)

@@ -45,7 +45,7 @@ class MassLayout:
     @property
     def plain(self) -> Array:
         """(n,) relative masses of the points without free masses."""
-        return plain_masses(self.shares.shape[1], self.tip)
+        return np.append(np.ones(self.shares.shape[1] - 1), self.tip)
 
     @property
     def count(self) -> int:
@@ -56,11 +56,6 @@ class MassLayout:
         """(n,) True for joints 0…n-1 at points of stiff sections: joint i is at point i."""
         touched = self.shares[self.count - self.stiff :].sum(axis=0) > 0
         return np.concatenate([[False], touched[:-1]])
-
-
-def plain_masses(n: int, tip: float = FREE_END) -> Array:
-    """Return the relative masses (n,) of a string's points; see `MassLayout`."""
-    return np.append(np.ones(n - 1), tip)
 
 
 def mass_layout(

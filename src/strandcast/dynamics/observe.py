@@ -25,9 +25,9 @@ class Outputs(NamedTuple):
     at
         (F,) increasing times of the outputs, in steps.
     measured, per_metre
-        (F, n, 2) measured points and (F, n) their weights in E; with a common hand only.
+        (F, n, 2 or 3) measured points and (F, n) their weights in E; with a common hand only.
     out
-        (B, F, n+1, 2) positions [m]; those of points 1…n are written.
+        (B, F, n+1, 2 or 3) positions [m]; those of points 1…n are written.
     """
 
     at: Array
@@ -67,15 +67,17 @@ def _value(
 
 
 @njit(**INLINED)
-def _scatter(place: Any, n: int, first: int, f: int, hand: Any, out: Any) -> None:
-    """Write positions of all lanes to `out`; NaN where they are out of reach."""
+def scatter(place: Any, first: int, f: int, hand: Any, out: Any) -> None:
+    """Write positions of all lanes, relative to the hand's, to `out`; NaN where they are out of reach."""
+    axes = len(hand)
     for lane in range(min(place.shape[1], len(out) - first)):
-        x, y = hand[0, lane if hand.shape[1] > 1 else 0], hand[1, lane if hand.shape[1] > 1 else 0]
-        for i in range(n):
-            px, py = place[2 * i, lane], place[2 * i + 1, lane]
-            near = math.fabs(px) < FAR_M and math.fabs(py) < FAR_M
-            out[first + lane, f, i + 1, 0] = x + px if near else np.nan
-            out[first + lane, f, i + 1, 1] = y + py if near else np.nan
+        for i in range(len(place) // axes):
+            near = True
+            for c in range(axes):
+                near = near and math.fabs(place[axes * i + c, lane]) < FAR_M
+            for c in range(axes):
+                at_m = hand[c, lane if hand.shape[1] > 1 else 0] + place[axes * i + c, lane]
+                out[first + lane, f, i + 1, c] = at_m if near else np.nan
 
 
 @njit(**INLINED)
@@ -100,4 +102,4 @@ def observe(
         measured, per_metre = outputs.measured[f], outputs.per_metre[f]
         _value(spec, n, place, measured, per_metre, hand[0, 0], hand[1, 0], shift, results)
     if len(outputs.out):
-        _scatter(place, n, first, f, hand, outputs.out)
+        scatter(place, first, f, hand, outputs.out)

@@ -22,8 +22,9 @@ from strandcast.dynamics.integrate import integrate, workspace
 from strandcast.dynamics.model import READINGS, StringModel
 from strandcast.dynamics.observe import FAR_M, LONGEST, RESULTS, SHORTEST, VALUE
 from strandcast.dynamics.parameters import Array
-from strandcast.dynamics.spatial.passes import NO_LENGTH_M, pass_in_space
-from strandcast.dynamics.spatial.strings import in_space
+from strandcast.dynamics.spatial.clamps import CLAMP, POSE, drive_clamps
+from strandcast.dynamics.spatial.integrate import integrate_in_space
+from strandcast.dynamics.spatial.strings import REST_TURN, in_space, ready_in_space
 from strandcast.dynamics.string_state import StepSettings
 from strandcast.dynamics.vectors import VectorSpec, register_bits
 from strandcast.errors import FAILED_TRIALS, StrandcastError
@@ -39,6 +40,7 @@ STATUS = {
 }
 LONGEST_SEGMENT, SHORTEST_SEGMENT = 3.0, 0.3  # rest lengths: beyond, the model is no string (chosen)
 
+NO_LENGTH_M = -1.0  # the shortest segment of a string for which no rest shape was found
 SMALLEST_STEP = 8  # the model's step over the smallest one with which a diverged candidate is repeated
 _STIFF = 1.4  # k_s h^2 / m beyond which a string is too stiff to be stretched by its loads
 
@@ -182,40 +184,51 @@ def _run(batch: Batch) -> tuple[Array, NDArray[np.int64]]:
 
 
 def _pass(batch: Batch, finer: int) -> Array:
-    """Run candidates once, with steps `finer` times smaller than the model's."""
-    if in_space(batch.hand.pose):
-        return pass_in_space(batch, finer, vector_spec(batch.model.precision))
+    """Run candidates once, with steps `finer` times smaller than the model's; return their results."""
     model, candidates, hand = batch.model, batch.candidates, batch.hand
-    spec = vector_spec(model.precision)
-    steps, reading = batch.steps * finer, READINGS.index(model.reading)
+    spec, ends = vector_spec(model.precision), hand.pose.shape[2] // POSE  # in the plane none
     kept = np.empty((len(candidates.masses), RESULTS))
     if not len(kept):
         return kept
-    fixed = candidates.fixed
-    sticks = fixed[:, STICK] > 0.0
-    settings = StepSettings(
-        step=model.dt_s / finer,
+    sticks = candidates.fixed[:, STICK] > 0.0
+    settings = _settings(model, candidates.fixed, model.dt_s / finer, ends)
+    if ends:
+        strings, lost = ready_in_space(candidates, hand.pose[:, 0], batch.start, settings)
+    else:
+        strings, lost = ready(candidates, hand.pose, batch.start, settings), np.zeros(len(kept), dtype=bool)
+    steps, own = batch.steps * finer, len(hand.pose) > 1
+    path_rows = steps * (ends * CLAMP or DRIVING)
+    common = np.empty((1 if own else path_rows, 1))
+    if not own:
+        (drive_clamps if ends else drive)(hand.time_s, hand.pose[0], settings.step, steps, 0, common)
+    outputs = batch.outputs._replace(at=batch.outputs.at * finer)
+    kernel = integrate_in_space if ends else integrate
+
+    def run(first: int, last: int) -> None:
+        sizes = model.points, 3 if ends else 2, path_rows if own else 0
+        work = workspace(spec, *sizes, sticks=bool(sticks.any()))
+        kernel(first, last, spec, work, strings, hand, common, steps, settings, outputs, kept)
+
+    over_ranges(-(-len(kept) // spec.width), run)
+    kept[lost, SHORTEST] = NO_LENGTH_M
+    return kept
+
+
+def _settings(model: StringModel, fixed: Array, step_s: float, ends: int) -> StepSettings:
+    """Return what steps of candidates with the columns `fixed` have in common; `ends`: of clamps in space."""
+    slender = bool(fixed[:, DRAG_ALONG].max() > 0.0)
+    return StepSettings(
+        step=step_s,
         share=1.0,
         l0=float(fixed[0, SPACING]),
         gravity=float(fixed[0, GRAVITY]),
-        reading=reading,
+        reading=READINGS.index(model.reading),
         per_width=float(1.0 / fixed[0, HALF_WIDTH]),
-        has_friction=bool(fixed[~sticks, DRY].any()),
-        slender=True if fixed[:, DRAG_ALONG].max() > 0.0 else None,
+        has_friction=bool(fixed[fixed[:, STICK] <= 0.0, DRY].any()),
+        slender=slender if ends else slender or None,
+        two_ends=ends > 1,
+        helical=ends > 0 and bool(fixed[:, REST_TURN].any()),
     )
-    strings = ready(candidates, hand.pose, batch.start, reading, settings.step)
-    own = len(hand.pose) > 1
-    common = np.empty((1 if own else steps * DRIVING, 1))
-    if not own:
-        drive(hand.time_s, hand.pose[0], settings.step, steps, 0, common)
-    outputs = batch.outputs._replace(at=batch.outputs.at * finer)
-
-    def run(first: int, last: int) -> None:
-        work = workspace(spec, model.points, steps if own else 0, sticks=bool(sticks.any()))
-        integrate(first, last, spec, work, candidates, strings, hand, common, steps, settings, outputs, kept)
-
-    over_ranges(-(-len(kept) // spec.width), run)
-    return kept
 
 
 def _status(model: StringModel, kept: Array) -> NDArray[np.int64]:

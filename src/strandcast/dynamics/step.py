@@ -24,12 +24,7 @@ from strandcast.dynamics.banded import (
     TURNING,
     UX,
     UY,
-    XX,
-    XY,
-    YY,
-    E,
     Q,
-    R,
     W,
     back,
     eliminate,
@@ -178,7 +173,7 @@ def _joints(
 ) -> None:
     """Write impulse and weight of every joint's moment into its rows of `work`."""
     n, c, mass, factor = string
-    _, share, l0, gravity, reading, per_width, has_friction, _ = settings
+    _, share, l0, gravity, reading, per_width, has_friction, _, _, _ = settings
     h2, half = h * h, 0.5 * h
     floor = (l0 * l0 / 16.0) * load(spec, c, FLOOR)
     own = load(spec, factor, 0)
@@ -248,17 +243,10 @@ def _assemble(
         gx, gy = -px - qx, -py - qy
         bpx, bpy, bgx, bgy = weight * px, weight * py, weight * gx, weight * gy
         if j > 0:
-            r -= ROWS
-            store(spec, work, r + XX, ixx + bpx * px)
-            store(spec, work, r + YY, iyy + bpy * py)
-            store(spec, work, r + XY, ixy + bpx * py)
-            store(spec, work, r + R, irx - moment * px)
-            store(spec, work, r + R + 1, iry - moment * py)
-            store(spec, work, r + E, e0 + bgx * px)
-            store(spec, work, r + E + 1, e1 + bgx * py)
-            store(spec, work, r + E + 2, e2 + bgy * px)
-            store(spec, work, r + E + 3, e3 + bgy * py)
-            r += ROWS
+            own_xx, own_yy, own_xy = ixx + bpx * px, iyy + bpy * py, ixy + bpx * py
+            right_x, right_y = irx - moment * px, iry - moment * py
+            f0, f1, f2, f3 = e0 + bgx * px, e1 + bgx * py, e2 + bgy * px, e3 + bgy * py
+            leave(spec, work, j - 1, own_xx, own_yy, own_xy, right_x, right_y, f0, f1, f2, f3)
         store(spec, work, r + Q, qx)
         store(spec, work, r + Q + 1, qy)
         ixx, iyy, ixy = xx + sxx + bgx * gx, yy + syy + bgy * gy, xy + sxy + bgx * gy

@@ -1,14 +1,12 @@
 """Time integration of candidates in space: the loop over steps, and the outputs on the way."""
 
-import math
-from itertools import accumulate, pairwise
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numba import njit
 
-from strandcast.dynamics.integrate import ANY_LENGTH_M, keep_results
-from strandcast.dynamics.observe import FAR_M, LONGEST, RESULTS, SHORTEST, VALUE, Outputs
+from strandcast.dynamics.integrate import Workspace, keep_results, load_strings, path_row, put_hand_place
+from strandcast.dynamics.observe import LONGEST, SHORTEST, VALUE, Outputs, scatter
 from strandcast.dynamics.parameters import Array
 from strandcast.dynamics.simd import (
     CACHED,
@@ -34,90 +32,19 @@ from strandcast.dynamics.spatial.clamps import (
     UP,
     drive_clamps,
 )
-from strandcast.dynamics.spatial.step import (
-    SPATIAL_COEFFICIENTS,
-    SPATIAL_ROWS,
-    ClampMotion,
-    SpatialSettings,
-    step_in_space,
-)
+from strandcast.dynamics.spatial.step import ClampMotion, step_in_space
 from strandcast.dynamics.spatial.triples import dot, load3, minus, plus, plus_scaled, store3, zero3
-from strandcast.dynamics.string_state import StringArrays, StringMotion
-from strandcast.dynamics.vectors import VectorSpec
-
-_LINE = 64  # bytes of a cache line
-
-
-class SpatialStrings(NamedTuple):
-    """B candidates in the columns of the vectors.
-
-    Attributes
-    ----------
-    c
-        (SPATIAL_COEFFICIENTS, B) rows as listed in `strandcast.dynamics.spatial.step`.
-    mass, factor
-        (n, B) masses of points 1…n and multipliers of bending at joints 0…n-1.
-    d, v
-        (3n, B) segments [m] and (3n + 3, B) velocities [m/s] at the start.
-    shift
-        (3, B) added to the points before they are compared [m].
-    """
-
-    c: Array
-    mass: Array
-    factor: Array
-    d: Array
-    v: Array
-    shift: Array
-
-
-class SpatialWorkspace(NamedTuple):
-    """Work arrays of one thread, each of W columns, that begin on cache lines."""
-
-    string: StringArrays
-    motion: StringMotion
-    step: Any
-    place: Any
-    results: Any
-    shift: Any
-    path: Any
-    hand_place: Array
-
-
-def spatial_workspace(spec: VectorSpec, n: int, own_rows: int, *, sticks: bool = False) -> SpatialWorkspace:
-    """Return work arrays for strings of n points.
-
-    `own_rows` of the clamps' path of each lane, or 0; `sticks`: with the state of friction that sticks.
-    """
-    sizes = (
-        *(SPATIAL_COEFFICIENTS, n, n, 3 * n, 3 * n + 3, 3 * n + 3),
-        *(SPATIAL_ROWS * (n + 1), 3 * n, RESULTS, 3, max(own_rows, 1), 4 * (n + 1) * sticks),
-    )
-    flat = np.zeros(sum(sizes) * spec.width + _LINE, spec.dtype)
-    first = (-flat.ctypes.data % _LINE) // flat.itemsize
-    rows = flat[first : first + sum(sizes) * spec.width].reshape(-1, spec.width)
-    parts = [rows[start:end] for start, end in pairwise(accumulate(sizes, initial=0))]
-    c, mass, factor, d, v, dv, step, place, results, shift, path, stick = parts
-    hand_place = np.empty((3, spec.width if own_rows else 1))
-    string, motion = StringArrays(n, c, mass, factor), StringMotion(d, v, dv, stick if sticks else None)
-    return SpatialWorkspace(string, motion, step, place, results, shift, path, hand_place)
-
-
-@njit(**INLINED)
-def _copy_lanes(first: int, given: Any, rows: Any) -> None:
-    """Fill all lanes from candidate `first` on; those after the last candidate repeat it."""
-    for lane in range(rows.shape[1]):
-        b = min(first + lane, given.shape[1] - 1)
-        for row in range(rows.shape[0]):
-            rows[row, lane] = given[row, b]
+from strandcast.dynamics.string_state import ReadyStrings, StepSettings, StringMotion, at_step
 
 
 @njit(**INLINED)
 def _row3(spec: Any, path: Any, common: Any, own: bool, row: int) -> Any:
     """Return three rows of each candidate's own path, or of the common one."""
-    if own:
-        return load3(spec, path, row)
-    return splat(spec, common[row, 0]), splat(spec, common[row + 1, 0]), splat(spec, common[row + 2, 0])
+    return (
+        path_row(spec, path, common, own, row),
+        path_row(spec, path, common, own, row + 1),
+        path_row(spec, path, common, own, row + 2),
+    )
 
 
 @njit(**INLINED)
@@ -142,7 +69,7 @@ def _observe(
     spec: Any,
     k: int,
     f: int,
-    settings: SpatialSettings,
+    settings: StepSettings,
     motion: StringMotion,
     place: Any,
     hand: Array,
@@ -155,7 +82,7 @@ def _observe(
     d, v, dv, _ = motion
     n = d.shape[0] // 3
     back = (outputs.at[f] - k - 1.0) * settings.step
-    bent = 0.5 * (outputs.at[f] - k) * settings.step / settings.kick
+    bent = 0.5 * (outputs.at[f] - k) * settings.step / (settings.share * settings.step)
     x = zero3(spec)
     for i in range(n):
         x = plus(x, load3(spec, d, 3 * i))
@@ -178,58 +105,7 @@ def _observe(
                 total += weight * (squared * inverse_root(spec, squared))
         store(spec, results, VALUE, total)
     if len(outputs.out):
-        for lane in range(min(place.shape[1], len(outputs.out) - first)):
-            for i in range(n):
-                near = True
-                for c in range(3):
-                    near = near and math.fabs(place[3 * i + c, lane]) < FAR_M
-                for c in range(3):
-                    at_m = hand[c, lane if hand.shape[1] > 1 else 0] + place[3 * i + c, lane]
-                    outputs.out[first + lane, f, i + 1, c] = at_m if near else np.nan
-
-
-@njit(**INLINED)
-def _of_step(settings: SpatialSettings, k: int) -> SpatialSettings:
-    """Return the settings of step k: the first kick is half as long."""
-    kick = 0.5 * settings.step if k == 0 else settings.step
-    return SpatialSettings(
-        settings.step,
-        kick,
-        kick * kick / 12.0,
-        kick * kick / 4.0,
-        0.5 * kick,
-        settings.gravity,
-        settings.reading,
-        settings.per_width,
-        settings.has_friction,
-        settings.slender,
-        settings.two_ends,
-        settings.helical,
-    )
-
-
-@njit(**INLINED)
-def _load_strings(
-    spec: Any,
-    first: int,
-    strings: SpatialStrings,
-    string: StringArrays,
-    motion: StringMotion,
-    shift: Any,
-    results: Any,
-) -> None:
-    """Fill all lanes from candidate `first` on, without results."""
-    _copy_lanes(first, strings.c, string.c)
-    _copy_lanes(first, strings.mass, string.mass)
-    _copy_lanes(first, strings.factor, string.factor)
-    _copy_lanes(first, strings.d, motion.d)
-    _copy_lanes(first, strings.shift, shift)
-    _copy_lanes(first, strings.v, motion.v)
-    for row in range(motion.dv.shape[0]):
-        store(spec, motion.dv, row, splat(spec, 0.0))
-    store(spec, results, LONGEST, splat(spec, 0.0))
-    store(spec, results, SHORTEST, splat(spec, ANY_LENGTH_M))
-    store(spec, results, VALUE, splat(spec, 0.0))
+        scatter(place, first, f, hand, outputs.out)
 
 
 @njit(nogil=True, **CACHED)
@@ -237,12 +113,12 @@ def integrate_in_space(
     first: int,
     last: int,
     spec: Any,
-    work: SpatialWorkspace,
-    strings: SpatialStrings,
+    work: Workspace,
+    strings: ReadyStrings,
     hand: Any,
     common: Any,
     steps: int,
-    settings: SpatialSettings,
+    settings: StepSettings,
     outputs: Outputs,
     kept: Array,
 ) -> None:
@@ -251,13 +127,13 @@ def integrate_in_space(
     Parameters
     ----------
     spec, work
-        `strandcast.dynamics.vectors.VectorSpec` of width W, and the `spatial_workspace` of this thread.
+        `strandcast.dynamics.vectors.VectorSpec` of width W, and the `workspace` of this thread.
     hand
         (T,) times [s] and (1 or B, T, 9 or 18) poses: the clamps' path, common or each candidate's own.
     common
         A common path as `strandcast.dynamics.spatial.clamps.drive_clamps` gives it, else any array.
     steps, settings
-        Number of steps, and those of a whole step.
+        Number of steps and what they have in common.
     strings, outputs, kept
         See there, and `strandcast.dynamics.integrate.integrate`.
     """
@@ -268,7 +144,7 @@ def integrate_in_space(
     control = flush_denormals(-1)
     for g in range(first, last):
         b = g * width
-        _load_strings(spec, b, strings, string, motion, shift, results)
+        load_strings(spec, b, strings, string, motion, shift, results)
         if own:
             for lane in range(width):
                 drive_clamps(time_s, poses[min(b + lane, len(poses) - 1)], settings.step, steps, lane, path)
@@ -277,15 +153,12 @@ def integrate_in_space(
             row = k * ends * CLAMP
             clamp = _clamp(spec, path, common, own, row)
             far = _clamp(spec, path, common, own, row + (ends - 1) * CLAMP)
-            now = _of_step(settings, k)
+            now = at_step(settings, k)
             longest, shortest = step_in_space(spec, string, motion, clamp, far, step_work, now)
             store(spec, results, LONGEST, maximum(longest, load(spec, results, LONGEST)))
             store(spec, results, SHORTEST, minimum(shortest, load(spec, results, SHORTEST)))
             while f < len(at) and at[f] <= k + 1:
-                for lane in range(hand_place.shape[1]):
-                    for axis in range(3):
-                        r = row + PLACE + axis
-                        hand_place[axis, lane] = path[r, lane] if own else common[r, 0]
+                put_hand_place(path, common, own, row + PLACE, hand_place)
                 _observe(spec, k, f, now, motion, place, hand_place, outputs, shift, b, results)
                 f += 1
         keep_results(b, motion.d, results, kept)

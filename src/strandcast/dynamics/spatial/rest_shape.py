@@ -24,8 +24,8 @@ from strandcast.dynamics.spatial.step import (
     REST,
     SIDE,
     TORSION,
-    SpatialSettings,
 )
+from strandcast.dynamics.string_state import StepSettings
 
 # Chosen.
 _ROUNDS, _WHOLE_ROUNDS = 60, 6  # of joints' stiffness and the far clamp's force, and those of whole changes
@@ -422,7 +422,7 @@ def _problem(c: Array, mass: Array, pose: Array, gravity: float) -> RestProblem:
 
 @njit(**CACHED)
 def _put_joints(
-    c: Array, mass: Array, factor: Array, length: Array, settings: SpatialSettings, share: float, k: Array
+    c: Array, mass: Array, factor: Array, length: Array, settings: StepSettings, share: float, k: Array
 ) -> None:
     """Move the stiffness (n + 1,) of joints by `share` to what it is at rest under the segments' pull."""
     n = len(mass)
@@ -438,7 +438,7 @@ def _put_joints(
 
 @njit(**CACHED)
 def _come_to_rest(
-    c: Array, mass: Array, factor: Array, pose: Array, settings: SpatialSettings, d: Array
+    c: Array, mass: Array, factor: Array, pose: Array, settings: StepSettings, d: Array
 ) -> bool:
     """Move the segments (3n,) of one string to rest; False if no rest shape was found.
 
@@ -469,7 +469,7 @@ def rest_shapes(
     candidates: Candidates,
     c: Array,
     poses: Array,
-    settings: SpatialSettings,
+    settings: StepSettings,
     d: Array,
     lost: Array,
 ) -> None:

@@ -88,7 +88,8 @@ from strandcast.dynamics.spatial.triples import (
     twice_symmetric_part,
     zero3,
 )
-from strandcast.dynamics.string_state import StringArrays, StringMotion
+from strandcast.dynamics.step import averaged
+from strandcast.dynamics.string_state import StepSettings, StringArrays, StringMotion
 
 # Coefficients after those of the plane: rest spacing [m]; direction of each clamp, rest bend [rad] and
 # a normal of the first clamp's direction in the frame of its pose; cosine and sine of the rest bend's turn
@@ -125,40 +126,6 @@ NEXT, OVER_NEXT, CHANGED, LOWER = TO_NEXT, TO_AFTER, IMPULSE, OWN
 SPATIAL_ROWS = 27
 
 
-class SpatialSettings(NamedTuple):
-    """Values common to all strings at one step in space.
-
-    Attributes
-    ----------
-    step, kick
-        Time over which segments drift and over which forces act [s].
-    fine, coarse
-        h^2 beta of elements, and of those too stiff for the step: see `strandcast.dynamics.step.averaged`.
-    half
-        Half of `kick`.
-    gravity
-        Gravity along -z [m/s^2].
-    reading, per_width, has_friction
-        See `strandcast.dynamics.string_state.StepSettings`.
-    slender, two_ends, helical
-        Whether drag differs along and across the string; whether the last point is driven, too; whether the
-        rest bend turns along the string.
-    """
-
-    step: float
-    kick: float
-    fine: float
-    coarse: float
-    half: float
-    gravity: float
-    reading: int
-    per_width: float
-    has_friction: bool
-    slender: bool
-    two_ends: bool
-    helical: bool
-
-
 class ClampMotion(NamedTuple):
     """A clamp at one step: velocity, its change, frame of three vectors, turn rate and its change."""
 
@@ -170,12 +137,6 @@ class ClampMotion(NamedTuple):
 
 
 @njit(**INLINED)
-def held(stiffness: Any, settings: SpatialSettings, floor: Any) -> Any:
-    """h^2 beta k of an element."""
-    return maximum(stiffness * settings.fine, stiffness * settings.coarse - floor)
-
-
-@njit(**INLINED)
 def step_in_space(
     spec: Any,
     string: StringArrays,
@@ -183,9 +144,9 @@ def step_in_space(
     clamp: ClampMotion,
     far: ClampMotion,
     work: Any,
-    settings: SpatialSettings,
+    settings: StepSettings,
 ) -> tuple[Any, Any]:
-    """Advance velocities by `kick` and segments by `step`; return the longest and the shortest segment [m].
+    """Advance velocities by `share` of a step and segments by a whole one; return as `advance` does.
 
     Without a second driven end, `far` is not read.
     """
@@ -211,14 +172,14 @@ def _segments(
     motion: StringMotion,
     clamp: ClampMotion,
     work: Any,
-    settings: SpatialSettings,
+    settings: StepSettings,
 ) -> tuple[Any, Any]:
     """Write all segments' rows; return the lengths of the longest and the shortest."""
     v, dv = clamp.v, clamp.dv
     n, c, _, _ = string
     k_s, c_s, l0 = load(spec, c, K_S), load(spec, c, C_S), load(spec, c, L0)
     floor = 0.25 * load(spec, c, FLOOR)
-    longest, shortest = splat(spec, 0.0), splat(spec, 1e9)
+    h, longest, shortest = settings.share * settings.step, splat(spec, 0.0), splat(spec, 1e9)
     for j in range(n):
         before, dv_before = v, dv
         v, dv = load3(spec, motion.v, 3 * j + 3), load3(spec, motion.dv, 3 * j + 3)
@@ -231,8 +192,8 @@ def _segments(
         r = SPATIAL_ROWS * j
         store3(spec, work, r + UNIT, u)
         store(spec, work, r + PER_LENGTH, per_length)
-        store(spec, work, r + AXIAL, settings.kick * (pull + c_s * dot(w, u)))
-        store(spec, work, r + ACROSS, held(maximum(pull, 0.0) * per_length, settings, floor))
+        store(spec, work, r + AXIAL, h * (pull + c_s * dot(w, u)))
+        store(spec, work, r + ACROSS, averaged(maximum(pull, 0.0) * per_length, h * h, floor))
         store3(spec, work, r + TURNING, scaled(per_length, cross(u, w)))
         store3(spec, work, r + AHEAD, scaled(0.5 * per_length, cross(u, minus(dv, dv_before))))
         store(spec, work, r + PULL, pull)
@@ -247,7 +208,7 @@ def _bends(
     ahead: Any,
     behind: Any,
     work: Any,
-    settings: SpatialSettings,
+    settings: StepSettings,
     stick: Any,
 ) -> None:
     """Write the bend from rest and the angle's functions of every joint; joints 0 and n are the clamps."""
@@ -289,7 +250,7 @@ def _joints(
     ahead: Any,
     behind: Any,
     work: Any,
-    settings: SpatialSettings,
+    settings: StepSettings,
     stick: Any,
 ) -> None:
     """Write moment, weight and torque about the string of every joint.
@@ -301,7 +262,7 @@ def _joints(
     n, c, mass, factor = string
     l0 = load(spec, c, L0)
     floor = (l0 * l0 / 16.0) * load(spec, c, FLOOR)
-    twice_half = 2.0 * settings.half
+    h = settings.share * settings.step
     a, rate_a, more_a = ahead, across(ahead, clamp.rate), scaled(0.5, across(ahead, clamp.change))
     clamp_now = plus_scaled(clamp.rate, 0.5, clamp.change)
     spin = dot(clamp_now, ahead)
@@ -360,25 +321,24 @@ def _joints(
             binormal, ratio = cross(a, b), load(spec, work, r + RATIO)
             upward = cross(a, side)
             in_frame = ratio * dot(binormal, side), ratio * dot(binormal, upward)
-            share = settings.kick / settings.step
-            x, y, tangent = sticking_friction_in_space(spec, c, rubs, j, in_frame, share, stick)
+            x, y, tangent = sticking_friction_in_space(spec, c, rubs, j, in_frame, settings.share, stick)
             constant, _ = transported(b, middle, per, plus_scaled(scaled(x, side), y, upward))
             # Constant in the string's frame, it works on turns as the rest bend does.
             held_back = bend_from_rest(binormal, ratio, load(spec, work, r + PER_SINE), constant)
             rubbed = minus(scaled(ratio, binormal), held_back)
             _, side = transported(b, middle, per, side)
-        weight = held(k + tangent, settings, least) + maximum(settings.half * slope, -0.5 * least)
+        weight = averaged(k + tangent, h * h, least) + maximum(0.5 * h * slope, -0.5 * least)
         # Moment and torque are sums of stiffness, damping, and what the switch adds in its own directions.
-        along, sideways = settings.kick * k + twice_half * along, twice_half * sideways
-        out_of_plane = maximum(settings.half * damping - least, 0.0)
-        spin_damping = settings.half * damping * dot(turned, turned) * load(spec, work, r + REACH)
-        damping, more = twice_half * damping, twice_half * more
+        along, sideways = h * k + h * along, h * sideways
+        out_of_plane = maximum(0.5 * h * damping - least, 0.0)
+        spin_damping = 0.5 * h * damping * dot(turned, turned) * load(spec, work, r + REACH)
+        damping, more = h * damping, h * more
         with_rate, ahead_turned = damping + sideways, dot(ahead_of, turned)
         moment = plus_scaled(scaled(along, bend), with_rate, rate)
         torque = along * dot(bend, turned) + with_rate * dot(rate, turned) + damping * ahead_turned
         if stick is not None:
-            moment = plus_scaled(moment, settings.kick, rubbed)
-            torque = torque + settings.kick * dot(rubbed, turned)
+            moment = plus_scaled(moment, h, rubbed)
+            torque = torque + h * dot(rubbed, turned)
         outward = 2.0 * out_of_plane * _per_turned(spec, work, r) * ahead_turned
         moment = plus_scaled(moment, -outward, turned)
         store3(spec, work, r + MOMENT, plus_scaled(moment, -more, ahead_of))
@@ -426,7 +386,7 @@ def _impulses(
     ahead: Any,
     behind: Any,
     work: Any,
-    settings: SpatialSettings,
+    settings: StepSettings,
 ) -> None:
     """Write every point's impulse, and its own inertia and drag.
 
@@ -468,14 +428,15 @@ def _impulses(
 
 @njit(**INLINED)
 def _point(
-    spec: Any, string: StringArrays, motion: StringMotion, i: int, settings: SpatialSettings
+    spec: Any, string: StringArrays, motion: StringMotion, i: int, settings: StepSettings
 ) -> tuple[Any, Any]:
     """Return point i's own inertia and drag as a symmetric block, and its impulse by drag and weight."""
     n, c, mass, _ = string
     v, own = load3(spec, motion.v, 3 * i), load(spec, mass, i - 1)
     per_speed, slope = drag(c, spec, dot(v, v))
-    w, drag_share = v, settings.kick * per_speed
-    per_speed, slope = settings.half * per_speed, settings.half * slope
+    h = settings.share * settings.step
+    w, drag_share = v, h * per_speed
+    per_speed, slope = 0.5 * h * per_speed, 0.5 * h * slope
     if settings.slender:
         t = load3(spec, motion.d, 3 * i - 3)
         if i < n:
@@ -491,7 +452,7 @@ def _point(
     else:
         block = outer6(slope, v)
     force = scaled(-drag_share, w)
-    down = settings.kick * settings.gravity * own
+    down = h * settings.gravity * own
     return diagonal_plus6(own + per_speed, block), (force[0], force[1], force[2] - down)
 
 
@@ -514,12 +475,13 @@ def _spread(spec: Any, work: Any, r: int, spins: Any, floor: Any) -> tuple[Any, 
 
 
 @njit(**INLINED)
-def _assemble(spec: Any, string: StringArrays, ahead: Any, work: Any, settings: SpatialSettings) -> None:
+def _assemble(spec: Any, string: StringArrays, ahead: Any, work: Any, settings: StepSettings) -> None:
     """Write every point's block, and those to the next two points."""
     # In the row after the last joint weight and 1 / length are 0, as the workspace was made.
     n, c, zero = string.n, string.c, splat(spec, 0.0)
-    stretch = held(load(spec, c, K_S), settings, 0.25 * load(spec, c, FLOOR))
-    stretch = stretch + settings.half * load(spec, c, C_S)
+    h = settings.share * settings.step
+    stretch = averaged(load(spec, c, K_S), h * h, 0.25 * load(spec, c, FLOOR))
+    stretch = stretch + 0.5 * h * load(spec, c, C_S)
     u, per_length, weight = load3(spec, work, UNIT), load(spec, work, PER_LENGTH), load(spec, work, WEIGHT)
     normal, skew = load(spec, work, NORMAL), outer6(0.5 * load(spec, work, PER), cross(ahead, u))
     before = zero, zero, zero, zero, zero, zero, zero, zero, zero

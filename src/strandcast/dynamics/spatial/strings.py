@@ -1,16 +1,24 @@
-"""Candidates in space as the kernels take them, and one pass over all of them."""
-
-from typing import Any
+"""Candidates in space as the kernels take them."""
 
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 
 from strandcast.core.strings import CLAMP_OFFSET, FAR_OFFSET, REST_CURL, SIDES, side
-from strandcast.dynamics.candidates import AS_GIVEN, Candidates, put_coefficients
-from strandcast.dynamics.elements import COEFFICIENTS, FIXED, GRAVITY, SPACING
+from strandcast.dynamics.candidates import (
+    AS_GIVEN,
+    HANGING,
+    SETTLED,
+    Candidates,
+    StartArrays,
+    columns_of,
+    put_coefficients,
+)
+from strandcast.dynamics.elements import COEFFICIENTS, FIXED, SPACING
 from strandcast.dynamics.parameters import Array
 from strandcast.dynamics.simd import CACHED
 from strandcast.dynamics.spatial.clamps import POSE
+from strandcast.dynamics.spatial.rest_shape import rest_shapes
 from strandcast.dynamics.spatial.step import (
     DIRECTION,
     FAR_DIRECTION,
@@ -20,6 +28,8 @@ from strandcast.dynamics.spatial.step import (
     SPATIAL_COEFFICIENTS,
     TORSION,
 )
+from strandcast.dynamics.string_state import ReadyStrings, StepSettings
+from strandcast.threads import over_ranges
 
 assert L0 == COEFFICIENTS
 
@@ -66,61 +76,61 @@ def _put_all(parameters: Array, masses: Array, fixed: Array, step: float, c: Arr
         put_coefficients(parameters[b], masses[b], fixed[b], step, c[:, b])
 
 
-def spatial_coefficients(candidates: Candidates, step: float) -> Array:
-    """Return the rows (SPATIAL_COEFFICIENTS, B) of candidates for steps of this length [s]."""
-    fixed = candidates.fixed.T
-    c = np.zeros((SPATIAL_COEFFICIENTS, len(candidates.masses)))
-    _put_all(candidates.parameters, candidates.masses, candidates.fixed, step, c)
-    c[L0] = fixed[SPACING] * (1.0 + fixed[LENGTHENED])
-    along, left, up = _turned(candidates.fixed[:, CLAMP_TURNS : CLAMP_TURNS + 2])
+def ready_in_space(
+    candidates: Candidates, poses: Array, start: StartArrays, settings: StepSettings
+) -> tuple[ReadyStrings, NDArray[np.bool_]]:
+    """Return what steps need of candidates whose clamps start at `poses` (1 or B, 9 or 18).
+
+    And (B,) for which of them no rest shape was found to start from.
+    """
+    poses = np.ascontiguousarray(poses)
+    strings = columns_of(candidates, SPATIAL_COEFFICIENTS)
+    _put_all(candidates.parameters, candidates.masses, candidates.fixed, settings.step, strings.c)
+    _put_spatial(candidates.fixed, strings.c)
+    strings.d[:] = _first_segments(candidates, poses, start, settings.gravity)
+    strings.v[3:] = start.velocity_m_s.reshape(-1, 1)
+    lost = np.zeros(len(candidates.masses), dtype=bool)
+    if start.mode in (HANGING, SETTLED):
+        over_ranges(
+            len(lost),
+            lambda first, last: rest_shapes(
+                first, last, candidates, strings.c, poses, settings, strings.d, lost
+            ),
+        )
+    return strings, lost
+
+
+def _put_spatial(fixed: Array, c: Array) -> None:
+    """Write the rows of `c` (SPATIAL_COEFFICIENTS, B) that strings in the plane do not have."""
+    along, left, up = _turned(fixed[:, CLAMP_TURNS : CLAMP_TURNS + 2])
+    to_left, upward, torsion = fixed[:, REST_BENDS], fixed[:, REST_BENDS + 1], fixed[:, REST_TURN]
+    c[L0] = fixed[:, SPACING] * (1.0 + fixed[:, LENGTHENED])
     c[DIRECTION : DIRECTION + 3] = along.T
-    to_left, upward = candidates.fixed[:, REST_BENDS : REST_BENDS + 2].T
     # A bend to the left turns about the upward axis, one upwards about the axis to the right.
     c[REST : REST + 3] = (to_left[:, None] * up - upward[:, None] * left).T
     c[SIDE : SIDE + 3] = left.T
-    c[TORSION], c[TORSION + 1] = np.cos(fixed[REST_TURN]), np.sin(fixed[REST_TURN])
-    c[FAR_DIRECTION : FAR_DIRECTION + 3] = _turned(candidates.fixed[:, FAR_TURNS : FAR_TURNS + 2])[0].T
-    return c
+    c[TORSION], c[TORSION + 1] = np.cos(torsion), np.sin(torsion)
+    c[FAR_DIRECTION : FAR_DIRECTION + 3] = _turned(fixed[:, FAR_TURNS : FAR_TURNS + 2])[0].T
 
 
-def first_segments(candidates: Candidates, poses: Array, mode: int, points_m: Array, gravity: float) -> Array:
-    """Return the segments (3n, B) [m] at the start, or from where to seek the rest shape.
-
-    Parameters
-    ----------
-    candidates
-        The candidates.
-    poses
-        (1 or B, 9 or 18) of the clamps at the start.
-    mode
-        See `strandcast.dynamics.candidates`.
-    points_m
-        (n, 3) given points, or none for strings that hang.
-    gravity
-        [m/s^2].
-    """
+def _first_segments(candidates: Candidates, poses: Array, start: StartArrays, gravity: float) -> Array:
+    """Return the segments (3n, B) [m] at the start, or from where to seek the rest shape."""
     count, n = candidates.masses.shape
     l0 = candidates.fixed[:, SPACING] * (1.0 + candidates.fixed[:, LENGTHENED])
     two_ends = poses.shape[1] > POSE
-    if not len(points_m):
-        guess = _hanging_between(poses, l0 * n, n) if two_ends else _hanging_from(poses, l0, n)
-        points = np.broadcast_to(guess, (count, n, 3))
-    else:
-        points = np.broadcast_to(points_m, (count, n, 3))
+    points = start.points_m
+    if not len(points):
+        points = _hanging_between(poses, l0 * n, n) if two_ends else _hanging_from(poses, l0, n)
     first = np.broadcast_to(poses[:, None, :3], (count, 1, 3))
-    d = np.diff(np.concatenate([first, points], axis=1), axis=1)
+    d = np.diff(np.concatenate([first, np.broadcast_to(points, (count, n, 3))], axis=1), axis=1)
     if two_ends:
         d = d + (poses[:, None, POSE : POSE + 3] - first - d.sum(axis=1, keepdims=True)) / n
-    elif mode != AS_GIVEN:
+    elif start.mode != AS_GIVEN:
         u = d / np.linalg.norm(d, axis=2, keepdims=True)
         below = np.cumsum(candidates.masses[:, ::-1], axis=1)[:, ::-1] * gravity
-        d = (
-            np.maximum(l0[:, None] - below * u[..., 2] / candidates.parameters[:, :1], 0.1 * l0[:, None])[
-                ..., None
-            ]
-            * u
-        )
-    return np.ascontiguousarray(d.reshape(count, 3 * n).T)
+        length_m = l0[:, None] - below * u[..., 2] / candidates.parameters[:, :1]
+        d = np.maximum(length_m, 0.1 * l0[:, None])[..., None] * u
+    return np.asarray(d.reshape(count, 3 * n).T)
 
 
 def _hanging_from(poses: Array, l0: Array, n: int) -> Array:
@@ -139,16 +149,3 @@ def _hanging_between(poses: Array, length_m: Array, n: int) -> Array:
     share = (np.arange(1, n + 1) / n)[:, None]
     down = (sag[:, None, None] * (4.0 * share * (1.0 - share))) * [0.0, 0.0, -1.0]
     return np.asarray(start + share * (end - start) + down)
-
-
-def spatial_gravity(candidates: Candidates) -> float:
-    """Return the gravity that all candidates share [m/s^2]."""
-    return float(candidates.fixed[0, GRAVITY])
-
-
-def starts(candidates: Candidates, poses: Array, start: Any) -> tuple[Array, Array]:
-    """Return segments (3n, B) [m] and velocities (3n + 3, B) [m/s] of a `StartArrays` in space."""
-    d = first_segments(candidates, poses, start.mode, start.points_m, spatial_gravity(candidates))
-    v = np.zeros((d.shape[0] + 3, d.shape[1]))
-    v[3:] = start.velocity_m_s.reshape(-1, 1)
-    return d, v
