@@ -13,12 +13,13 @@ from strandcast.core.strings import FORCES
 from strandcast.dynamics.batch import HandPath
 from strandcast.dynamics.simulate import simulate_batch
 from strandcast.dynamics.spatial.clamps import clamp_poses
-from strandcast.estimation.cable_series import CableSeries, DrivenEnd, series_between
+from strandcast.estimation.cable_series import CableSeries, series_between
 from strandcast.estimation.cable_space import space_of_cable
 from strandcast.estimation.estimate import FoundString, find_string
 from strandcast.estimation.fit_objective import simulate_throw
 from strandcast.estimation.optimisers.optimiser import SearchStart
 from strandcast.estimation.windows import parts_of_series, parts_to_fit
+from strandcast.records.alignment import EndPath
 
 LENGTH_M = 0.8
 TIME_S = np.arange(0.0, 1.5, 0.01)
@@ -237,7 +238,7 @@ def test_an_end_that_points_up_does_not_hang_and_a_point_has_no_direction():
     aside = np.broadcast_to([0.5, 0.0, 1.0], (50, 3))
 
     def rolls(*direction):
-        return series_between(time_s, [DrivenEnd(place, *direction)], seen, np.ones(1))
+        return series_between(time_s, [EndPath(place, *direction)], seen, np.ones(1))
 
     assert list(rolls(up)) == ["transported"]
     assert list(rolls(-up)) == ["transported", "hanging"]
@@ -254,15 +255,15 @@ def test_markers_of_a_body_that_were_taken_for_each_other_are_put_in_order(wrong
     inner, away = moving.pose[:, 9:12], 0.025 * moving.pose[:, 12:15]
     exchanged = np.zeros((len(TIME_S), 1), dtype=bool)
     exchanged[wrong] = True
-    far = DrivenEnd(np.where(exchanged, inner - away, inner), np.where(exchanged, -away, away))
-    near = DrivenEnd(moving.pose[:, :3], moving.pose[:, 3:6])
+    far = EndPath(np.where(exchanged, inner - away, inner), np.where(exchanged, -away, away))
+    near = EndPath(moving.pose[:, :3], moving.pose[:, 3:6])
     seen = moving.vertices_m.copy()
     seen[12:] = np.nan  # a prediction has no more
 
     def pose(end):
         return series_between(TIME_S, [near, end], seen, PLACES)["transported"].pose
 
-    np.testing.assert_allclose(pose(far), pose(DrivenEnd(inner, away)), atol=1e-12)
+    np.testing.assert_allclose(pose(far), pose(EndPath(inner, away)), atol=1e-12)
 
 
 def resting(seconds: float, moves_s: tuple[float, float], places) -> CableSeries:

@@ -8,8 +8,9 @@ from scipy.spatial.transform import Rotation
 
 from strandcast.dynamics.batch import HandPath
 from strandcast.dynamics.simulate import simulate_batch
-from strandcast.estimation.cable_series import DrivenEnd
+from strandcast.estimation.cable_series import end_pose
 from strandcast.estimation.cable_space import space_of_cable
+from strandcast.records.alignment import EndPath
 
 LENGTH_M = 0.8
 PLACES_M = (0.15, 0.33, 0.55, 0.8)
@@ -39,7 +40,7 @@ def columns(phase: float, seconds: float = 2.5, rate_hz: float = 50.0, two_ends:
         place_m = place + 0.12 * (eased * np.array(way)).T
         turn = Rotation.from_rotvec(np.outer(0.5 * eased * np.sin(3.0 * time_s + phase), [0.5, -0.6, 0.3]))
         down, side = turn.apply([0.0, 0.0, -1.0]), turn.apply([1.0, 0.0, 0.0])
-        ends.append(DrivenEnd(place_m, down, side))
+        ends.append(EndPath(place_m, down, side))
         in_file = Rotation.from_matrix(Y_UP) * turn * Rotation.from_matrix(Y_UP).inv() * BODY
         named |= triple(f"{name}", place_m) | triple(f"{name}_behind", place_m - 0.03 * down)
         named |= {
@@ -47,7 +48,7 @@ def columns(phase: float, seconds: float = 2.5, rate_hz: float = 50.0, two_ends:
         }
     model, space = space_of_cable(LENGTH_M, two_ends)
     strings = space.strings(space.exponents(np.array([TRUTH.get(each, 0.0) for each in space.names])))
-    pose = np.hstack([end.pose("measured") for end in ends])
+    pose = np.hstack([end_pose(end, "measured") for end in ends])
     points, _ = simulate_batch(model, strings, HandPath(time_s, pose), time_s)
     at = CubicSpline(np.linspace(0.0, 1.0, model.points + 1), points[0], axis=1)(
         np.array(PLACES_M) / LENGTH_M

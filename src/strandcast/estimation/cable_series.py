@@ -46,81 +46,66 @@ Roll = Callable[[Array, Array], Array]
 ROLLS: Mapping[str, Roll] = {"transported": clamp_poses, "hanging": hanging_clamp_poses}
 
 
-@dataclass(frozen=True, eq=False)
-class DrivenEnd:
-    """The path of one driven end of a string.
+def end_pose(end: EndPath, roll: str) -> Array:
+    """Return poses (F, 9) of a driven end; one that is only a point holds downwards, without force."""
+    if end.direction is None:
+        down = np.broadcast_to([0.0, 0.0, -1.0], end.place_m.shape)
+        return clamp_poses(end.place_m, down)
+    if end.normal is None:
+        return ROLLS[roll](end.place_m, end.direction)
+    return np.hstack([end.place_m, end.direction, end.normal])
 
-    Attributes
+
+def _smoothed_end(end: EndPath, time_s: Array) -> EndPath:
+    """Return a driven end's path without single wrong samples and with little noise."""
+    place_m = smoothed(time_s, end.place_m)
+    # Each is smoothed as a point: a wrong sample of a marker is wrong in one of its coordinates.
+    return EndPath(
+        place_m,
+        *(
+            None if away is None else smoothed(time_s, end.place_m + away) - place_m
+            for away in (end.direction, end.normal)
+        ),
+    )
+
+
+def _in_order(end: EndPath, vertices_m: Array, places: Array) -> EndPath:
+    """Return a driven end's path with its two markers in order where they were taken for each other.
+
+    The order changes wherever the direction is reversed from one frame to the next. It is wrong at first
+    if the string would have to be longer than it is to reach its nearest marker.
+
+    Parameters
     ----------
-    place_m
-        (F, 3) where the string leaves it [m].
-    direction
-        (F, 3) in which it holds the string, away from it, of any length; None: it is only a point.
-    normal
-        (F, 3) any direction that turns with it and is not along `direction`; None: not measured.
+    vertices_m, places
+        (F, m, 3) markers of the string [m] and (m,) their distances from this end over its length,
+        the nearest first.
     """
-
-    place_m: Array
-    direction: Array | None = None
-    normal: Array | None = None
-
-    def pose(self, roll: str) -> Array:
-        """Return its poses (F, 9); an end that is only a point holds the string downwards, without force."""
-        if self.direction is None:
-            down = np.broadcast_to([0.0, 0.0, -1.0], self.place_m.shape)
-            return clamp_poses(self.place_m, down)
-        if self.normal is None:
-            return ROLLS[roll](self.place_m, self.direction)
-        return np.hstack([self.place_m, self.direction, self.normal])
-
-    def smoothed(self, time_s: Array) -> DrivenEnd:
-        """Return the path without single wrong samples and with little noise."""
-        place_m = smoothed(time_s, self.place_m)
-        # Each is smoothed as a point: a wrong sample of a marker is wrong in one of its coordinates.
-        return DrivenEnd(
-            place_m,
-            *(
-                None if away is None else smoothed(time_s, self.place_m + away) - place_m
-                for away in (self.direction, self.normal)
-            ),
+    if end.direction is None or end.normal is not None or len(places) < 2:
+        return end
+    kept = (end.direction[1:] * end.direction[:-1]).sum(axis=1) >= 0.0
+    order = np.cumprod(np.r_[1.0, np.where(kept, 1.0, -1.0)])
+    seen = np.flatnonzero(~np.isnan(vertices_m[:, :2, 0]).any(axis=1) & (order == 1.0))[:FEWEST_FRAMES]
+    if len(seen):
+        apart_m = np.linalg.norm(np.diff(vertices_m[seen], axis=1), axis=2) / np.diff(places)
+        longest_m = TOO_LONG * float(np.nanmedian(apart_m)) * places[0]
+        reach_m, behind_m = (
+            float(np.median(np.linalg.norm(vertices_m[seen, 0] - place_m[seen], axis=1)))
+            for place_m in (end.place_m, end.place_m - end.direction)
         )
+        order = -order if reach_m > longest_m >= behind_m else order
+    exchanged = (order < 0.0)[:, None]
+    return EndPath(
+        np.where(exchanged, end.place_m - end.direction, end.place_m),
+        np.where(exchanged, -end.direction, end.direction),
+    )
 
-    def in_order(self, vertices_m: Array, places: Array) -> DrivenEnd:
-        """Return the path with its two markers in order where they were taken for each other.
 
-        The order changes wherever the direction is reversed from one frame to the next. It is wrong at first
-        if the string would have to be longer than it is to reach its nearest marker.
-
-        Parameters
-        ----------
-        vertices_m, places
-            (F, m, 3) markers of the string [m] and (m,) their distances from this end over its length,
-            the nearest first.
-        """
-        if self.direction is None or self.normal is not None or len(places) < 2:
-            return self
-        kept = (self.direction[1:] * self.direction[:-1]).sum(axis=1) >= 0.0
-        order = np.cumprod(np.r_[1.0, np.where(kept, 1.0, -1.0)])
-        seen = np.flatnonzero(~np.isnan(vertices_m[:, :2, 0]).any(axis=1) & (order == 1.0))[:FEWEST_FRAMES]
-        if len(seen):
-            apart_m = np.linalg.norm(np.diff(vertices_m[seen], axis=1), axis=2) / np.diff(places)
-            longest_m = TOO_LONG * float(np.nanmedian(apart_m)) * places[0]
-            reach_m, behind_m = (
-                float(np.median(np.linalg.norm(vertices_m[seen, 0] - place_m[seen], axis=1)))
-                for place_m in (self.place_m, self.place_m - self.direction)
-            )
-            order = -order if reach_m > longest_m >= behind_m else order
-        exchanged = (order < 0.0)[:, None]
-        return DrivenEnd(
-            np.where(exchanged, self.place_m - self.direction, self.place_m),
-            np.where(exchanged, -self.direction, self.direction),
-        )
-
-    def can_hang(self) -> bool:
-        """Whether it never points straight up, where no least turn leads from downwards."""
-        if self.direction is None or self.normal is not None:
-            return True
-        return bool((self.direction[:, 2] <= UPWARDS * np.linalg.norm(self.direction, axis=1)).all())
+def _can_hang(end: EndPath) -> bool:
+    """Whether a driven end never points straight up, where no least turn leads from downwards."""
+    if end.direction is None or end.normal is not None:
+        return True
+    return bool((end.direction[:, 2] <= UPWARDS * np.linalg.norm(end.direction, axis=1)).all())
 
 
 @dataclass(frozen=True, eq=False)
@@ -294,7 +279,7 @@ class CableSeries:
 
 def series_between(
     time_s: Array,
-    ends: list[DrivenEnd],
+    ends: list[EndPath],
     vertices_m: Array,
     places: Array,
 ) -> dict[str, CableSeries]:
@@ -310,16 +295,16 @@ def series_between(
         See `CableSeries`.
     """
     calm = [
-        end.in_order(vertices_m[:, order], np.abs(places[order] - at)).smoothed(time_s)
+        _smoothed_end(_in_order(end, vertices_m[:, order], np.abs(places[order] - at)), time_s)
         for end, order, at in zip(ends, _from_each_end(places), (0.0, 1.0), strict=False)
     ]
     rolls = list(ROLLS) if free_to_roll(ends) else ["measured"]
-    if free_to_roll(ends) and not all(end.can_hang() for end in calm):
+    if free_to_roll(ends) and not all(map(_can_hang, calm)):
         rolls.remove("hanging")
     return {
         roll: CableSeries(
             time_s,
-            np.hstack([end.pose(roll) for end in calm]),
+            np.hstack([end_pose(end, roll) for end in calm]),
             vertices_m,
             places,
             ends[0].direction is None,
@@ -328,7 +313,7 @@ def series_between(
     }
 
 
-def free_to_roll(ends: Sequence[DrivenEnd] | Sequence[EndPath]) -> bool:
+def free_to_roll(ends: Sequence[EndPath]) -> bool:
     """Return whether an end holds the string in a direction about which its turn was not measured."""
     return any(end.direction is not None and end.normal is None for end in ends)
 

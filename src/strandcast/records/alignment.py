@@ -36,14 +36,15 @@ HAND = TableSpec(
 
 
 class EndPath(NamedTuple):
-    """The path of a driven end in space, each (T, 3): its place [m], the string's direction, and a normal.
+    """The path of a driven end, each (T, 3), in the plane (T, 2).
 
-    None where direction or normal were not measured.
+    Where the string leaves it [m], and the direction in which it holds the string, away from it, of any
+    length; without, it is only a point. A normal, not along the direction, turns with it; None: not measured.
     """
 
     place_m: np.ndarray
-    direction: np.ndarray | None
-    normal: np.ndarray | None
+    direction: np.ndarray | None = None
+    normal: np.ndarray | None = None
 
 
 class HandMarkerFit(Part):

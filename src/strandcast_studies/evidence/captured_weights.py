@@ -20,7 +20,7 @@ from strandcast.config.estimate import EstimateSettings
 from strandcast.dynamics.masses import mass_layout
 from strandcast.dynamics.model import StringModel
 from strandcast.dynamics.parameters import GRAVITY_M_S2, Array
-from strandcast.estimation.cable_series import DrivenEnd, series_between
+from strandcast.estimation.cable_series import series_between
 from strandcast.estimation.cable_space import space_of_cable
 from strandcast.estimation.estimate import estimate
 from strandcast.estimation.fit import StringFit
@@ -29,6 +29,7 @@ from strandcast.estimation.space import Space
 from strandcast.estimation.throws import TrialParts
 from strandcast.estimation.unknowns import forces_of, space_of
 from strandcast.estimation.windows import parts_by_roll
+from strandcast.records.alignment import EndPath
 from strandcast.stages.estimate import CAPTURE_SEARCHES
 from strandcast.stages.estimate_record import mass_known
 from strandcast_studies.benchmarks.loop.run import numbers
@@ -76,7 +77,7 @@ def series_of(
     time_s: Array, hand_m: Array, direction: Array, markers_m: Array, places: Array
 ) -> dict[str, Any]:
     """Return a capture in space by the roll that its hand may have."""
-    return series_between(time_s, [DrivenEnd(hand_m, direction)], markers_m, places)
+    return series_between(time_s, [EndPath(hand_m, direction)], markers_m, places)
 
 
 def _throw(time_s: Array, hand_m: Array, direction: Array, markers_m: Array, places: Array) -> Throw:

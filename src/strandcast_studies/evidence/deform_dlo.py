@@ -14,11 +14,12 @@ import numpy as np
 from strandcast.config.estimate import EstimateSettings
 from strandcast.core.jumps import GLITCH_M_S
 from strandcast.dynamics.parameters import Array
-from strandcast.estimation.cable_series import CableSeries, DrivenEnd, series_between
+from strandcast.estimation.cable_series import CableSeries, series_between
 from strandcast.estimation.cable_space import space_of_cable
 from strandcast.estimation.estimate import FoundString, find_string
 from strandcast.estimation.optimisers.optimiser import SearchStart
 from strandcast.estimation.windows import parts_by_roll
+from strandcast.records.alignment import EndPath
 from strandcast_studies.evidence.figure import Figure
 
 FRAME_S = 0.01
@@ -92,7 +93,7 @@ def series_of(measured: Array, places: Array) -> dict[str, CableSeries]:
     """Return a sequence (F, n, 3) [m] as a series between two clamps, each of two vertices, by their roll."""
     time_s = np.asarray(FRAME_S * np.arange(len(measured)), dtype=float)
     ends = [
-        DrivenEnd(measured[:, inner], measured[:, inner] - measured[:, outer])
+        EndPath(measured[:, inner], measured[:, inner] - measured[:, outer])
         for outer, inner in ((0, 1), (-1, -2))
     ]
     return series_between(time_s, ends, measured[:, 1:-1], places)
