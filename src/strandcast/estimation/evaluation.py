@@ -10,8 +10,8 @@ Array = NDArray[np.float64]
 W = 0.1  # eq. 6, of strings in the plane; chosen, not sensitive: the search's end counts for more
 
 
-def distances(measured: Array, simulated: Array, reading: str = "world") -> Array:
-    """Distance of every free point in every frame, eq. (4).
+def differences(measured: Array, simulated: Array, reading: str = "world") -> Array:
+    """Measured minus simulated points in every frame (..., F, n+1, 2 or 3) [m].
 
     Parameters
     ----------
@@ -22,16 +22,22 @@ def distances(measured: Array, simulated: Array, reading: str = "world") -> Arra
     reading
         ``world``, or ``hand``: both relative to their own hand, as the paper centres its images. A frame
         whose hand was not measured is compared in the world.
+    """
+    difference = measured - simulated
+    if reading == "hand":
+        difference = difference - np.where(np.isnan(difference[..., :1, :]), 0.0, difference[..., :1, :])
+    return difference
+
+
+def distances(measured: Array, simulated: Array, reading: str = "world") -> Array:
+    """Distance of every free point in every frame, eq. (4); see `differences`.
 
     Returns
     -------
     (..., F, n) distances of points 1…n [m], NaN where not measured, infinite where measured but not
     simulated (a blow-up).
     """
-    difference = measured - simulated
-    if reading == "hand":
-        difference = difference - np.where(np.isnan(difference[..., :1, :]), 0.0, difference[..., :1, :])
-    distance = lengths(difference[..., 1:, :])
+    distance = lengths(differences(measured, simulated, reading)[..., 1:, :])
     lost = np.isnan(distance) & ~np.isnan(measured[:, 1:]).any(axis=-1)
     return np.asarray(np.where(lost, np.inf, distance))
 

@@ -13,7 +13,7 @@ from strandcast.dynamics.batch import MeasuredPoints
 from strandcast.dynamics.hand import places
 from strandcast.dynamics.model import StringModel
 from strandcast.dynamics.simulate import BLEW_UP, OK, evaluate_batch, simulate_batch
-from strandcast.estimation.evaluation import Array, W, distances, point_values
+from strandcast.estimation.evaluation import Array, W, differences, distances, point_values
 from strandcast.estimation.space import Space
 from strandcast.estimation.throws import PreparedThrow
 
@@ -61,33 +61,19 @@ class FitObjective:
 
     def value(self, throw: PreparedThrow, strings: StringBatch, w: float | None = None) -> Array:
         """E of strings on one throw: (B,) [m], infinite where invalid."""
-        if throw.places is not None:
-            result, status = self._compare_markers(throw, strings, self.w if w is None else w)
-            return self._valid(result, status)
-        result, status = evaluate_batch(
-            self.model,
-            strings,
-            throw.hand,
-            MeasuredPoints(
-                throw.time_s, self.compared(throw), self.per_metre(throw, self.w if w is None else w)
-            ),
-            throw.start,
-            shift_m=None if self.reading == "hand" else camera_offset_m(strings),
-        )
-        return self._valid(result, status)
-
-    def _valid(self, result: Array, status: NDArray[np.int64]) -> Array:
+        weight = self.per_metre(throw, self.w if w is None else w)
+        if throw.places is not None:  # markers lie between mass points
+            simulated, status = simulate_throw(self.model, throw, strings)
+            distance = distances(throw.points_m, simulated, self.reading)
+            result = (weight * np.where(weight > 0, distance, 0.0)).sum(axis=(1, 2))
+        else:
+            measured = MeasuredPoints(throw.time_s, self.compared(throw), weight)
+            shift_m = None if self.reading == "hand" else camera_offset_m(strings)
+            result, status = evaluate_batch(
+                self.model, strings, throw.hand, measured, throw.start, shift_m=shift_m
+            )
         allowed = (status == OK) | (self.overstretched_allowed & (status != BLEW_UP))
         return np.where(allowed & np.isfinite(result), result, np.inf)
-
-    def _compare_markers(
-        self, throw: PreparedThrow, strings: StringBatch, w: float
-    ) -> tuple[Array, NDArray[np.int64]]:
-        """Return E of strings whose markers lie between mass points, and their status: each (B,)."""
-        simulated, status = simulate_throw(self.model, throw, strings)
-        distance = distances(throw.points_m, simulated, self.reading)
-        weight = self.per_metre(throw, w)
-        return (weight * np.where(weight > 0, distance, 0.0)).sum(axis=(1, 2)), status
 
     def compared(self, throw: PreparedThrow) -> Array:
         """Measured points 1…n (G, n, 2 or 3), moved to the robot's hand where E is relative to it."""
@@ -128,11 +114,7 @@ class FitObjective:
         for throw, share, strings in self.strings_by_throw(chi):
             used = throw.weight > 0
             simulated, _ = simulate_throw(self.model, throw, strings)
-            difference = throw.points_m - simulated
-            if self.reading == "hand":
-                hand = difference[..., :1, :]
-                difference = difference - np.where(np.isnan(hand), 0.0, hand)
-            parts.append(difference[:, :, 1:][:, used])
+            parts.append(differences(throw.points_m, simulated, self.reading)[:, :, 1:][:, used])
             weights.append(share * self.per_metre(throw, self.w)[used])
         return np.concatenate(parts, axis=1), np.concatenate(weights)
 
