@@ -67,8 +67,8 @@ def test_the_fit_reports_itself_correctly(fit):
     assert fit.E_m == pytest.approx(off.mean())
     np.testing.assert_allclose(fit.E_points_m, off.mean(axis=0))
     assert fit.E_weighted_m == pytest.approx((off.mean(axis=0) * (1 + 0.1 * np.arange(6))).mean())
-    assert [held.what for held in fit.held_out] == [REFITTED]
-    assert fit.E_m < fit.held_out[0].E_m < 1.5 * fit.E_m
+    assert list(fit.held_out) == [REFITTED]
+    assert fit.E_m < fit.held_out[REFITTED] < 1.5 * fit.E_m
     assert 1e-7 < fit.step_change_m < fit.E_m
     assert fit.convergence[0][-1] <= fit.evaluations
     assert fit.convergence[1][-1] == fit.member_values_m[0]
@@ -78,9 +78,9 @@ def test_parts_are_held_out_only_if_their_fits_move(monkeypatch):
     objective = objective_of([observed_throw(1.0)], QUICK)
     log = EvaluationLog(objective.cost)
     log(np.full((1, objective.space.dimension), 0.5))
-    assert np.isfinite(cross_validation.refitted(objective, log, 400).E_m)
+    assert np.isfinite(cross_validation.refitted(objective, log, 400))
     monkeypatch.setattr(cross_validation, "descend", lambda own, model, now, most: now)
-    assert np.isnan(cross_validation.refitted(objective, log, 400).E_m)
+    assert np.isnan(cross_validation.refitted(objective, log, 400))
 
 
 def test_drag_along_the_string_is_fitted_where_it_explains_the_throw_better():
@@ -113,10 +113,10 @@ def test_guesses_without_a_model_are_as_far_off_as_the_string_is():
     hand_m = np.array([0.5, 0.2])
     points_m = np.broadcast_to(hanging_m + hand_m, still.points_m.shape)
     shifted = replace(still, points_m=points_m, hand_pose=still.hand_pose + np.append(hand_m, 0.0))
-    hangs, carried = without_model(objective_of([shifted], QUICK))
-    assert (hangs.what, carried.what) == (HANGING, CARRIED)
-    assert hangs.E_m == pytest.approx(0.05)
-    assert carried.E_m < 0.01 * hangs.E_m  # its first shape is the one that it keeps
+    guesses = without_model(objective_of([shifted], QUICK))
+    assert list(guesses) == [HANGING, CARRIED]
+    assert guesses[HANGING] == pytest.approx(0.05)
+    assert guesses[CARRIED] < 0.01 * guesses[HANGING]  # its first shape is the one that it keeps
 
 
 def test_members_are_near_optimal_strings_that_differ(fit):
@@ -148,8 +148,7 @@ def test_second_trial_starts_from_the_first_and_is_predicted_by_it(fit):
         previous=fit.members,
     )
     np.testing.assert_allclose(second.trial_weights, [0.375, 0.625])
-    assert second.held_out[0].what == "this throw under the estimate before it"
-    assert second.held_out[0].E_m == pytest.approx(second.E_planned_m)
+    assert second.held_out["this throw under the estimate before it"] == pytest.approx(second.E_planned_m)
     assert second.E_m < 0.0018
     assert second.E_planned_m < 0.003
     latest = EstimateSettings(evaluations=200, trials="latest", profiles=False)
@@ -193,8 +192,8 @@ def test_paper_search_runs_within_table_2():
         found.best.parameters[0] <= high * (1 + 1e-12)
     )
     assert inside.all()
-    assert [held.what for held in found.held_out] == [CHOSEN]
-    assert found.held_out[0].E_m >= found.E_m
+    assert list(found.held_out) == [CHOSEN]
+    assert found.held_out[CHOSEN] >= found.E_m
     assert not found.converged
     assert not found.uncertainty.gauge_fixed
 

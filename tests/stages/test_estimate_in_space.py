@@ -11,7 +11,6 @@ import pytest
 from strandcast.config.estimate import EstimateSettings
 from strandcast.core.trial_names import trial_name
 from strandcast.errors import StrandcastError
-from strandcast.estimation.cross_validation import HeldOutEvaluation
 from strandcast.estimation.estimate import _worse_than_before
 from strandcast.imports.capture_mapping import CaptureMapping
 from strandcast.imports.mapping import check_mapping
@@ -224,8 +223,7 @@ def test_an_estimate_of_a_string_held_elsewhere_or_of_another_length_predicts_no
 
 def test_a_fit_that_is_worse_than_the_one_before_gives_both_numbers():
     def doubts(E_m: float):
-        before = (HeldOutEvaluation(UNDER_PREVIOUS, 0.010),)
-        return _worse_than_before(SimpleNamespace(E_m=E_m, held_out=before))
+        return _worse_than_before(SimpleNamespace(E_m=E_m, held_out={UNDER_PREVIOUS: 0.010}))
 
     (warning,) = doubts(0.012)
     assert "12.00 mm" in warning

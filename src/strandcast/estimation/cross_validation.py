@@ -1,7 +1,7 @@
 """Cross-validation: each part of the newest throw is left out of the fit once, and predicted by it."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -11,7 +11,7 @@ from strandcast.estimation.descent import LADDER, GaussNewtonModel, descend, des
 from strandcast.estimation.evaluation import Array, evaluation_of_points
 from strandcast.estimation.fit_objective import EvaluationLog, FitObjective, simulate_throw
 from strandcast.estimation.throws import PreparedThrow, TrialParts
-from strandcast.records.estimate import CARRIED, HANGING, LAST_PART
+from strandcast.records.estimate import CARRIED, HANGING
 
 # Chosen.
 PARTS = 4
@@ -23,16 +23,8 @@ REFITTED = f"each of {PARTS} parts of the throw, from a fit to the others"
 CHOSEN = f"each of {PARTS} parts of the throw, from the best of the strings tried for the others"
 
 
-@dataclass(frozen=True, eq=False)
-class HeldOutEvaluation:
-    """E (w = 0) on data that were not part of the fit [m]."""
-
-    what: str
-    E_m: float
-
-
-def without_model(whole: FitObjective) -> list[HeldOutEvaluation]:
-    """E of a trial for guesses that need no model, to compare predictions with.
+def without_model(whole: FitObjective) -> dict[str, float]:
+    """E of a trial for guesses that need no model, to compare predictions with [m].
 
     The string hangs straight below the hand, or it keeps its first shape and moves with the hand; between two
     driven ends with both, by the place along the string.
@@ -49,12 +41,10 @@ def without_model(whole: FitObjective) -> list[HeldOutEvaluation]:
         first = np.concatenate([path_m[:1, :axes], throw.start.points_m])
         near_moved, far_moved = ((frames_m - path_m[0])[:, None, end] for end in (slice(axes), far))
         guesses[CARRIED] = first + (1.0 - along) * near_moved + along * far_moved
-    return [
-        HeldOutEvaluation(
-            what, float(evaluation_of_points(whole.point_values(throw, throw.as_measured(each))))
-        )
+    return {
+        what: float(evaluation_of_points(whole.point_values(throw, throw.as_measured(each))))
         for what, each in guesses.items()
-    ]
+    }
 
 
 class Fold(NamedTuple):
@@ -64,8 +54,8 @@ class Fold(NamedTuple):
     left_out: tuple[PreparedThrow, ...]
 
 
-def refitted(objective: FitObjective, log: EvaluationLog, evaluations: int) -> HeldOutEvaluation:
-    """Leave each part out of the fit, and evaluate it under the string that is fitted without it.
+def refitted(objective: FitObjective, log: EvaluationLog, evaluations: int) -> float:
+    """Return E of each part of the throw, left out of the fit, under the string that is fitted without it.
 
     These fits start at the result of the whole one and share `evaluations`. After few steps they still depend
     on the part that was left out, so that the error is too small. NaN if no step is affordable, or none of
@@ -73,7 +63,7 @@ def refitted(objective: FitObjective, log: EvaluationLog, evaluations: int) -> H
     """
     best, ends = log.best()[0], []
     if evaluations // PARTS - 1 < len(best) + 1 + len(LADDER):
-        return HeldOutEvaluation(REFITTED, float("nan"))
+        return float("nan")
     parts = _parts(objective.throws[-1])
     for part in parts:
         fold = replace(objective, throws=(*objective.throws[:-1], _without(objective.throws[-1], part)))
@@ -82,11 +72,11 @@ def refitted(objective: FitObjective, log: EvaluationLog, evaluations: int) -> H
         ends.append(descend(own, GaussNewtonModel(fold), now, evaluations // PARTS - 1).chi[0])
         log.count += own.count
     moved = any((end != best).any() for end in ends)
-    return HeldOutEvaluation(REFITTED, _mean(objective, parts, ends) if moved else float("nan"))
+    return _mean(objective, parts, ends) if moved else float("nan")
 
 
-def reselected(objective: FitObjective, log: EvaluationLog) -> HeldOutEvaluation:
-    """Leave each part out of the choice among the best strings tried: for searches that only select."""
+def reselected(objective: FitObjective, log: EvaluationLog) -> float:
+    """Return E of each part, left out of the choice among the best strings: for searches that only select."""
     chi, values = log.all()
     tried = chi[np.argsort(values, kind="stable")[:CHOSEN_FROM]]
     parts = _parts(objective.throws[-1])
@@ -97,7 +87,7 @@ def reselected(objective: FitObjective, log: EvaluationLog) -> HeldOutEvaluation
         rest = _without(objective.throws[-1], part)
         error = evaluation_of_points(objective.point_values(rest, simulated), objective.w)
         ends.append(tried[int(np.argmin(np.where(np.isfinite(error), error, np.inf)))])
-    return HeldOutEvaluation(CHOSEN, _mean(objective, parts, ends))
+    return _mean(objective, parts, ends)
 
 
 def folds_of(objective: FitObjective, parts: TrialParts) -> list[Fold]:
@@ -149,14 +139,13 @@ def fold_errors(folds: Sequence[Fold], chi: Array) -> Array:
     return np.array(errors)
 
 
-def last_part(whole: FitObjective, newest: PreparedThrow, first: int, chi: Array) -> HeldOutEvaluation:
-    """Evaluate the frames from `first` on, simulated from the beginning, under `chi` (d,) fitted without."""
+def last_part(whole: FitObjective, newest: PreparedThrow, first: int, chi: Array) -> float:
+    """Return E of the frames from `first` on, simulated from the beginning, under `chi` (d,) without them."""
     weight = newest.weight.copy()
     weight[:first] = 0.0
     if not weight.any():
-        return HeldOutEvaluation(LAST_PART, float("nan"))
-    value = whole.value(replace(newest, weight=weight), whole.space.strings(chi), 0.0)
-    return HeldOutEvaluation(LAST_PART, float(value[0]))
+        return float("nan")
+    return float(whole.value(replace(newest, weight=weight), whole.space.strings(chi), 0.0)[0])
 
 
 def _parts(throw: PreparedThrow) -> list[PreparedThrow]:

@@ -14,7 +14,7 @@ from strandcast.dynamics.model import StringModel
 from strandcast.dynamics.simulate import simulate_batch
 from strandcast.errors import FAILED_TRIALS, StrandcastError
 from strandcast.estimation import cross_validation
-from strandcast.estimation.cross_validation import HeldOutEvaluation, without_model
+from strandcast.estimation.cross_validation import without_model
 from strandcast.estimation.descent import GaussNewtonModel
 from strandcast.estimation.ensemble import near_samples
 from strandcast.estimation.evaluation import Array, distances, tip_error
@@ -36,7 +36,7 @@ from strandcast.estimation.space import Space
 from strandcast.estimation.throws import PreparedThrow, TrialParts
 from strandcast.estimation.uncertainty import RISE, uncertainty_of
 from strandcast.estimation.unknowns import forces_of, space_of
-from strandcast.records.estimate import TIP_UNDER_PREVIOUS, UNDER_PREVIOUS, ForceTried
+from strandcast.records.estimate import LAST_PART, TIP_UNDER_PREVIOUS, UNDER_PREVIOUS, ForceTried
 
 Random = Callable[[], np.random.Generator]
 
@@ -136,32 +136,30 @@ def estimate(
     objective, log, parts = found.objective, found.log, trials[found.roll]
     _refuse_invalid(log)
     whole = replace(objective, throws=(parts.newest.fitted(),), shares=np.ones(1))
-    held_out: list[HeldOutEvaluation] = []
+    held_out: dict[str, float] = {}
     predictions: dict[str, Array] = {}
     doubts: list[str] = []
     if previous is not None:
         under = trials.get(previous_roll, parts).newest
-        value = whole.value(under.fitted(), previous.take(0), 0.0)
-        held_out.append(HeldOutEvaluation(UNDER_PREVIOUS, float(value[0])))
+        held_out[UNDER_PREVIOUS] = float(whole.value(under.fitted(), previous.take(0), 0.0)[0])
         if references:
             predictions = _paths("predicted", model, under, previous.take(0))
-            tip_m = tip_error(distances(under.seen_m, predictions["predicted"]))
-            held_out.append(HeldOutEvaluation(TIP_UNDER_PREVIOUS, tip_m))
+            held_out[TIP_UNDER_PREVIOUS] = tip_error(distances(under.seen_m, predictions["predicted"]))
     if parts.before is not None:
         before = parts.before
         part = replace(objective, throws=before.throws, shares=before.shares(settings.older_trials_weight))
         rest = search(part, settings, random(), start, settings.evaluations)
         frames = len(before.newest.time_s)
-        held_out.append(cross_validation.last_part(whole, parts.newest, frames, rest.best()[0]))
+        held_out[LAST_PART] = cross_validation.last_part(whole, parts.newest, frames, rest.best()[0])
         doubts += _unconverged(log, rest, frames / len(parts.newest.time_s))
     elif settings.search == "paper":
-        held_out.append(cross_validation.reselected(objective, log))
+        held_out[cross_validation.CHOSEN] = cross_validation.reselected(objective, log)
     else:
         share = int(CROSS_VALIDATION_SHARE * settings.evaluations)
-        held_out.append(cross_validation.refitted(objective, log, share))
+        held_out[cross_validation.REFITTED] = cross_validation.refitted(objective, log, share)
     if settings.search != "paper":
         _sample_near(objective, log, rng)
-    held_out += without_model(whole) if references else []
+    held_out |= without_model(whole) if references else {}
     uncertainty = uncertainty_of(objective, log, profiles=settings.profiles, long=searches > 1)
     if searches > 1 and settings.profiles:
         uncertainty = with_masses(uncertainty, objective, log)
@@ -254,7 +252,7 @@ def _unconverged(fit: EvaluationLog, rest: EvaluationLog, share: float) -> list[
 
 def _worse_than_before(found: StringFit) -> list[str]:
     """Return a warning if the fit, which has read the newest trial, explains it worse than the one before."""
-    before_m = next((held.E_m for held in found.held_out if held.what == UNDER_PREVIOUS), np.inf)
+    before_m = found.held_out.get(UNDER_PREVIOUS, np.inf)
     if not found.E_m > (1.0 + RISE) * before_m:
         return []
     return [

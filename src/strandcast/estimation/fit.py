@@ -9,7 +9,6 @@ from strandcast.config.estimate import EstimateSettings
 from strandcast.core.strings import PARAMETERS, UNKNOWNS, StringBatch
 from strandcast.dynamics.model import StringModel
 from strandcast.dynamics.simulate import OK
-from strandcast.estimation.cross_validation import HeldOutEvaluation
 from strandcast.estimation.descent import GaussNewtonModel, descend, descent_batch
 from strandcast.estimation.ensemble import distant_members
 from strandcast.estimation.evaluation import Array, distances, evaluation_of_points, rmse, tip_error
@@ -50,7 +49,8 @@ class StringFit:
     rmse_m, tip_error_m
         Unweighted root mean square distance and mean distance of the tip, used frames.
     held_out
-        E on held-out data: this throw under the previous estimate, where there is one, and its own parts.
+        E (w = 0) on held-out data [m]: this throw under the previous estimate, where there is one, and its
+        own parts.
     uncertainty
         How well each unknown is known.
     convergence
@@ -96,7 +96,7 @@ class StringFit:
     step_change_m: float
     rmse_m: float
     tip_error_m: float
-    held_out: tuple[HeldOutEvaluation, ...]
+    held_out: Mapping[str, float]
     uncertainty: Uncertainty
     convergence: tuple[Array, Array]
     evaluations: int
@@ -117,7 +117,7 @@ def fit_of(
     objective: FitObjective,
     newest: PreparedThrow,
     log: EvaluationLog,
-    held_out: list[HeldOutEvaluation],
+    held_out: Mapping[str, float],
     uncertainty: Uncertainty,
     settings: EstimateSettings,
     planned: StringBatch | None,
@@ -175,7 +175,7 @@ def fit_of(
         step_change_m=step_change_m,
         rmse_m=rmse(distance),
         tip_error_m=tip_error(distance),
-        held_out=tuple(held_out),
+        held_out=held_out,
         uncertainty=uncertainty,
         convergence=log.convergence(),
         evaluations=log.count,

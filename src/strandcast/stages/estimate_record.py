@@ -87,7 +87,7 @@ def estimate_record(
         step_change_m=finite(fit.step_change_m),
         rmse_m=fit.rmse_m,
         tip_error_m=finite(fit.tip_error_m),
-        held_out=[HeldOutError(what=h.what, E_m=h.E_m) for h in fit.held_out if np.isfinite(h.E_m)],
+        held_out=[HeldOutError(what=what, E_m=E_m) for what, E_m in fit.held_out.items() if np.isfinite(E_m)],
         convergence=[
             ConvergenceStep(evaluations=int(count), best_m=float(best))
             for count, best in zip(*fit.convergence, strict=True)
