@@ -99,8 +99,7 @@ def refuse_wrong_dimensions(
 
     In the fit of `error`, with standard errors `se`, these lengths are almost free.
     """
-    joints = len(names)
-    inner_m, inner_se_m = error.length_m[:-1], se[5 + joints : 5 + 2 * joints - 1]
+    inner_m, inner_se_m = error.length_m[:-1], RigError.from_vector(se, rig).length_m[:-1]
     hand_m = error.hand_shift_m(rig.clamp).mean(axis=0)
     wrong_m = float(
         max(
