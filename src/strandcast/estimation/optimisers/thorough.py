@@ -1,6 +1,7 @@
 """Independent searches, each by descents on growing parts of the throw; then evolution of their ends."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -28,19 +29,14 @@ EVOLUTION_SHARE, POLISH_SHARE = 0.4, 0.15  # of a restart's evaluations
 SQUARES_BELOW_M = 0.1  # far distances would stop a descent early: E is as steep near a string as far from it
 
 
-@dataclass(frozen=True, eq=False)
-class _SquaredDistances:
-    """Cost like E, but with the squares of distances up to `SQUARES_BELOW_M`, on some of the frames."""
-
-    objective: FitObjective
-
-    def __call__(self, chi: Array) -> Array:
-        difference, weight = self.objective.residuals(chi)
-        distance = lengths(difference)
-        near = 0.5 * distance**2 / SQUARES_BELOW_M
-        cost = np.where(distance < SQUARES_BELOW_M, near, distance - 0.5 * SQUARES_BELOW_M) @ weight
-        cost = cost + self.objective.space.penalty(chi)
-        return np.where(np.isfinite(cost), cost, np.inf)
+def _squared_distances(objective: FitObjective, chi: Array) -> Array:
+    """Return a cost like E of candidates (B, d), with the squares of distances up to `SQUARES_BELOW_M`."""
+    difference, weight = objective.residuals(chi)
+    distance = lengths(difference)
+    near = 0.5 * distance**2 / SQUARES_BELOW_M
+    cost = np.where(distance < SQUARES_BELOW_M, near, distance - 0.5 * SQUARES_BELOW_M) @ weight
+    cost = cost + objective.space.penalty(chi)
+    return np.where(np.isfinite(cost), cost, np.inf)
 
 
 def search_thoroughly(problem: SearchProblem, log: EvaluationLog) -> bool:
@@ -86,9 +82,9 @@ def _by_growing_parts(problem: SearchProblem, log: EvaluationLog, starts: Array,
         if left < 0:
             break
         throws = tuple(throw.until(part) for throw in problem.objective.throws)
-        squares = _SquaredDistances(replace(problem.objective, throws=throws).thinned(DERIVATIVE_FRAMES))
-        own = EvaluationLog(squares)
-        slopes = GaussNewtonModel(squares.objective, SQUARES_BELOW_M)
+        some = replace(problem.objective, throws=throws).thinned(DERIVATIVE_FRAMES)
+        own = EvaluationLog(partial(_squared_distances, some))
+        slopes = GaussNewtonModel(some, SQUARES_BELOW_M)
         starts = descend(own, slopes, descent_batch(starts, own(starts)), left, ROUNDS).chi
         log.count += own.count
     return starts
