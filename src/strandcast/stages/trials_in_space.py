@@ -6,7 +6,7 @@ import numpy as np
 
 from strandcast.dynamics.model import StringModel
 from strandcast.errors import StrandcastError
-from strandcast.estimation.cable_series import CableSeries, free_to_roll, series_between
+from strandcast.estimation.cable_series import CableSeries, end_pose, free_to_roll, series_between
 from strandcast.estimation.cable_space import POINTS, CableSpace
 from strandcast.estimation.throws import TrialParts
 from strandcast.estimation.windows import parts_by_roll
@@ -96,7 +96,7 @@ def series_of(files: Files, trial: Trial) -> dict[str, CableSeries]:
     time_s, known_s, points_m = trial.frame_time_s, trial.hand_time_s, trial.track.detected_m()[:, 1:]
     places, ends = _places(files, trial), DrivenPath(known_s, trial.ends).at(time_s).ends
     if files.job.context.settings.aims_in_space:
-        pose = np.column_stack([part for part in ends[0] if part is not None])
+        pose = end_pose(ends[0], "measured")
         return {"measured": CableSeries(time_s, pose, points_m, places, fastest_m_s=FASTEST_M_S)}
     inside = (time_s >= known_s[0]) & (time_s <= known_s[-1])
     points_m = np.where(inside[:, None, None], points_m, np.nan)
