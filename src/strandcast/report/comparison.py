@@ -1,7 +1,7 @@
 """Two sets of results side by side, trial by trial: two settings, two versions or two experiments."""
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -63,10 +63,6 @@ class TrialRecords:
     def get(self, name: str, attribute: str) -> Any | None:
         """Return an attribute of a record, or None."""
         return getattr(self.records.get(name), attribute, None)
-
-    def value(self, name: str, attribute: str, sigma: str = "") -> Value:
-        """Return a number of a record, with its standard deviation if that is a field too."""
-        return Value(self.get(name, attribute), self.get(name, sigma))
 
 
 class Row(NamedTuple):
@@ -166,15 +162,20 @@ def compare(
         (sorted(a.keys() - b.keys()), sorted(b.keys() - a.keys())),
         {trial: _same_recording(a[trial], b[trial]) for trial in trials},
         rows,
-        [tally for quantity in TALLIED if (tally := _tally(quantity, rows)) is not None],
+        [tally for quantity in TALLIED if (tally := _tally(quantity, rows)).lower + tally.higher],
         _differing(a[trials[-1]], b[trials[-1]]),
     )
 
 
 def _rows(trial: int, a: TrialRecords, b: TrialRecords) -> list[Row]:
-    rows = [Row(trial, name, unit, of(a), of(b)) for name, (unit, of) in QUANTITIES.items()]
+    rows = [
+        Row(trial, name, unit, *(Value(each.get(record, field), each.get(record, sigma)) for each in (a, b)))
+        for name, (unit, record, field, sigma) in MEASURED.items()
+    ]
+    times_s = (Value(sum(each.times_s.values()) if each.times_s else None) for each in (a, b))
+    rows.append(Row(trial, WALL_TIME, "s", *times_s))
     strings = parameters_of(a), parameters_of(b)
-    for name in [*strings[0], *(each for each in strings[1] if each not in strings[0])]:
+    for name in strings[0] | strings[1]:
         unit = next(each[name][0] for each in strings if name in each)
         rows.append(Row(trial, name, unit, *(each.get(name, ("", Value()))[1] for each in strings)))
     return [row for row in rows if row.a.value is not None or row.b.value is not None]
@@ -196,23 +197,24 @@ def parameters_of(trial: TrialRecords) -> dict[str, tuple[str, Value]]:
     return found
 
 
-QUANTITIES: dict[str, tuple[str, Callable[[TrialRecords], Value]]] = {
-    "miss": ("m", lambda trial: trial.value("verdict", "miss_m", "miss_sigma_m")),
-    "E as planned": ("m", lambda trial: trial.value("estimate", "E_planned_m")),
-    "E after the fit": ("m", lambda trial: trial.value("estimate", "E_m")),
-    "tip error": ("m", lambda trial: trial.value("estimate", "tip_error_m")),
-    "clock offset": ("s", lambda trial: trial.value("alignment", "offset_s", "offset_se_s")),
-    "tracked fraction": ("1", lambda trial: trial.value("track", "tracked_fraction")),
-    "wall time": ("s", lambda trial: Value(sum(trial.times_s.values()) if trial.times_s else None)),
+# Unit, record, its field, and the field of the standard deviation if there is one.
+MEASURED = {
+    "miss": ("m", "verdict", "miss_m", "miss_sigma_m"),
+    "E as planned": ("m", "estimate", "E_planned_m", ""),
+    "E after the fit": ("m", "estimate", "E_m", ""),
+    "tip error": ("m", "estimate", "tip_error_m", ""),
+    "clock offset": ("s", "alignment", "offset_s", "offset_se_s"),
+    "tracked fraction": ("1", "track", "tracked_fraction", ""),
 }
-TALLIED = ("miss", "E after the fit", "wall time")
+WALL_TIME = "wall time"
+QUANTITIES = (*MEASURED, WALL_TIME)
+TALLIED = ("miss", "E after the fit", WALL_TIME)
 
 
-def _tally(quantity: str, rows: list[Row]) -> Tally | None:
-    found = [row.difference.value for row in rows if row.quantity == quantity]
-    lower = sum(each is not None and each < 0.0 for each in found)
-    higher = sum(each is not None and each > 0.0 for each in found)
-    return Tally(quantity, lower, higher, sign_test(lower, higher)) if lower + higher else None
+def _tally(quantity: str, rows: list[Row]) -> Tally:
+    found = [row.difference.value or 0.0 for row in rows if row.quantity == quantity]
+    lower, higher = sum(each < 0.0 for each in found), sum(each > 0.0 for each in found)
+    return Tally(quantity, lower, higher, sign_test(lower, higher))
 
 
 def sign_test(lower: int, higher: int) -> float:

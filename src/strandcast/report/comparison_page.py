@@ -2,13 +2,14 @@
 
 from typing import Any
 
-from strandcast.report.comparison import LOG_UNIT, QUANTITIES, Comparison, Row, Tally, Value
+from strandcast.report.comparison import LOG_UNIT, QUANTITIES, Comparison, Row, Value
 from strandcast.report.drawing import GREY, INK, MEASURED, Drawing, new_figure
 from strandcast.report.numbers import HARD, UNKNOWN, counted, millimetres, milliseconds, scaled, signed
 from strandcast.report.pages import render
 from strandcast.report.panels.content import Panel, PanelContent, Table, make_sections
 from strandcast.report.typeset import symbol, unit
 
+HEADS = ["trial", "quantity", "A", "B", "B − A"]
 DIGITS = 2
 LARGE = 2.0  # a difference of this many standard deviations is marked
 
@@ -19,21 +20,21 @@ def comparison_page(comparison: Comparison) -> str:
         Panel(
             "trials",
             "Trials",
-            _trials,
+            _trials_panel,
             caption="The deviation of a difference is that of independent results. Results from the same "
             "recording share errors of tracking, so their difference is known better than that.",
         ),
-        Panel("misses", "Misses", _misses, shown=lambda it: bool(_paired(it, "miss"))),
+        Panel("misses", "Misses", _misses_panel, shown=lambda it: bool(_misses(it))),
         Panel(
             "parameters",
             "Parameters of the last fit",
-            _parameters,
+            _parameters_panel,
             caption="A parameter that the throws do not determine may differ by decades and mean nothing: "
             "its σ says so. σ belongs to one minimum of E; two searches that end in different minima differ "
             "by more.",
             shown=lambda it: bool(_fitted(it)),
         ),
-        Panel("differing", "What differs", _differing),
+        Panel("differing", "What differs", _differing_panel),
     ]
     a, b = comparison.names
     return render(
@@ -50,17 +51,10 @@ def comparison_lines(comparison: Comparison) -> list[str]:
     """Return a comparison as lines of text."""
     a, b = comparison.names
     lines = [f"A: {a}", f"B: {b}", *notes(comparison)]
-    last = _fitted(comparison)
-    shown = [row for row in comparison.rows if row.quantity in QUANTITIES] + last
-    cells = [("trial", "quantity", "A", "B", "B − A")]
-    cells += [
-        (f"{row.trial}", row.quantity, text(row, row.a), text(row, row.b), change(row)) for row in shown
-    ]
-    widths = [max(len(row[k]) for row in cells) for k in range(5)]
-    lines += [
-        "  ".join(f"{cell:{width}}" for cell, width in zip(row, widths, strict=True)).rstrip()
-        for row in cells
-    ]
+    shown = [*_measured(comparison), *_fitted(comparison)]
+    cells = [HEADS, *([f"{row.trial}", row.quantity, *_values(row)] for row in shown)]
+    widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
+    lines += ["  ".join(map(str.ljust, row, widths)).rstrip() for row in cells]
     lines += [f"{name}: {one} in A, {other} in B" for name, one, other in comparison.settings]
     return [*lines, headline(comparison)]
 
@@ -70,12 +64,12 @@ def headline(comparison: Comparison) -> str:
     if not comparison.tallies:
         known = any(row.difference.value is not None for row in comparison.rows)
         return "No quantity that is counted differs." if known else "No quantity is known in both."
-    return "; ".join(_counted(each) for each in comparison.tallies) + "."
-
-
-def _counted(tally: Tally) -> str:
-    pairs = tally.lower + tally.higher
-    return f"{tally.quantity}: lower in B in {tally.lower} of {pairs} trials (sign test p = {tally.p:.2g})"
+    lower = (
+        f"{each.quantity}: lower in B in {each.lower} of {each.lower + each.higher} trials "
+        f"(sign test p = {each.p:.2g})"
+        for each in comparison.tallies
+    )
+    return "; ".join(lower) + "."
 
 
 def notes(comparison: Comparison) -> list[str]:
@@ -116,8 +110,17 @@ def is_large(difference: Value) -> bool:
     return bool(difference.sigma) and abs(difference.value or 0.0) > LARGE * (difference.sigma or 0.0)
 
 
-def _paired(comparison: Comparison, quantity: str) -> list[Row]:
-    return [row for row in comparison.rows if row.quantity == quantity and row.difference.value is not None]
+def _values(row: Row) -> list[str]:
+    return [text(row, row.a), text(row, row.b), change(row)]
+
+
+def _measured(comparison: Comparison) -> list[Row]:
+    return [row for row in comparison.rows if row.quantity in QUANTITIES]
+
+
+def _misses(comparison: Comparison) -> list[Row]:
+    """Return the misses that are known in both."""
+    return [row for row in comparison.rows if row.quantity == "miss" and row.difference.value is not None]
 
 
 def _fitted(comparison: Comparison) -> list[Row]:
@@ -129,55 +132,34 @@ def _fitted(comparison: Comparison) -> list[Row]:
     return [row for row in rows if row.trial == last]
 
 
-def _table(rows: list[Row], caption: str) -> Table:
-    cells: list[list[Any]] = [
-        [f"trial {row.trial}", row.quantity, text(row, row.a), text(row, row.b), change(row)] for row in rows
-    ]
-    return Table(["trial", "quantity", "A", "B", "B − A"], cells, caption)
-
-
-def _trials(comparison: Comparison) -> PanelContent:
-    rows = [row for row in comparison.rows if row.quantity in QUANTITIES]
+def _trials_panel(comparison: Comparison) -> PanelContent:
     caption = (
         f"± standard deviation where the records have one; * more than {LARGE:g} of the difference's own."
     )
-    return PanelContent(
-        headline(comparison),
-        tables=[_table(rows, caption)],
-    )
+    rows = [[f"trial {row.trial}", row.quantity, *_values(row)] for row in _measured(comparison)]
+    return PanelContent(headline(comparison), tables=[Table(HEADS, rows, caption)])
 
 
-def _parameters(comparison: Comparison) -> PanelContent:
+def _parameters_panel(comparison: Comparison) -> PanelContent:
+    """Return the parameters, with their units in a column of their own."""
     rows = _fitted(comparison)
     large = [row.quantity for row in rows if is_large(row.difference)]
     finding = f"Trial {rows[0].trial}: {len(large)} of {len(rows)} numbers differ by more than {LARGE:g} σ"
     caption = "Logarithms to base 10 of the estimates, ± in decades; other numbers in their own unit."
+    cells: list[list[Any]] = []
+    for row in rows:
+        of = row.unit.removeprefix(LOG_UNIT)
+        shown_unit = f"log₁₀ {unit(of)}" if of != row.unit else row.unit
+        name = symbol(row.quantity) if row.unit else row.quantity
+        cells.append([f"trial {row.trial}", name, shown_unit, *_values(row._replace(unit=""))])
     return PanelContent(
         f"{finding}{': ' if large else ''}{', '.join(large)}.",
-        tables=[_parameter_table(rows, caption)],
+        tables=[Table([*HEADS[:2], "unit", *HEADS[2:]], cells, caption)],
     )
 
 
-def _parameter_table(rows: list[Row], caption: str) -> Table:
-    """Return the rows of parameters with their units in a column of their own."""
-    cells: list[list[Any]] = []
-    for row in rows:
-        bare = row._replace(unit="")
-        of = row.unit.removeprefix(LOG_UNIT)
-        cells.append(
-            [
-                f"trial {row.trial}",
-                symbol(row.quantity) if row.unit else row.quantity,
-                f"log₁₀ {unit(of)}" if of != row.unit else row.unit,
-                *(text(bare, value) for value in (row.a, row.b)),
-                change(bare),
-            ]
-        )
-    return Table(["trial", "quantity", "unit", "A", "B", "B − A"], cells, caption)
-
-
-def _misses(comparison: Comparison) -> PanelContent:
-    rows = _paired(comparison, "miss")
+def _misses_panel(comparison: Comparison) -> PanelContent:
+    rows = _misses(comparison)
     figure = new_figure(8.4, 1.3 + 0.4 * len(rows), top=0.95, bottom=0.3 if len(rows) < 5 else 0.15)
     axes = figure.add_subplot()
     for row in rows:
@@ -194,7 +176,7 @@ def _misses(comparison: Comparison) -> PanelContent:
     return PanelContent(finding, drawing=Drawing(figure, f"Misses of both results by trial. {finding}"))
 
 
-def _differing(comparison: Comparison) -> PanelContent:
+def _differing_panel(comparison: Comparison) -> PanelContent:
     rows = [list(each) for each in comparison.settings]
     if not rows:
         return PanelContent("The fit of the last trial was done the same way, by the same versions.")
