@@ -9,14 +9,8 @@ import numpy as np
 
 from strandcast.core.shares import wilson
 from strandcast.records.summary import ExperimentSummary, TrialSummary, too_near
+from strandcast.report import rig_limits
 from strandcast.report.numbers import counted, millimetres, scaled
-from strandcast.report.rig_limits import (
-    LEAST_MARKER_FRACTION,
-    MOST_DRIFT,
-    MOST_LENS_RMS_PX,
-    MOST_PLANE_RMS_PX,
-    MOST_SERVO_RESIDUAL_RAD,
-)
 
 # Iglewicz & Hoaglin, "How to Detect and Handle Outliers", 1993: |robust z| > 3.5, σ = 1.4826 · MAD.
 MOST_ROBUST_Z, SIGMA_PER_MAD = 3.5, 1.4826
@@ -156,32 +150,30 @@ class RigQuantity(NamedTuple):
 
 
 RIG_QUANTITIES = (
-    RigQuantity("clock drift", "clock_drift", "ppm", 1e6, MOST_DRIFT),
-    RigQuantity("lens, rms", "lens_rms_px", "px", 1.0, MOST_LENS_RMS_PX),
-    RigQuantity("plane of motion, rms", "plane_rms_px", "px", 1.0, MOST_PLANE_RMS_PX),
-    RigQuantity("hand's markers seen", "marker_fraction", "%", 100.0, LEAST_MARKER_FRACTION, True),
-    RigQuantity("servo, unexplained", "servo_residual_rad", "mrad", 1e3, MOST_SERVO_RESIDUAL_RAD),
+    RigQuantity("clock drift", "clock_drift", "ppm", 1e6, rig_limits.MOST_DRIFT),
+    RigQuantity("lens, rms", "lens_rms_px", "px", 1.0, rig_limits.MOST_LENS_RMS_PX),
+    RigQuantity("plane of motion, rms", "plane_rms_px", "px", 1.0, rig_limits.MOST_PLANE_RMS_PX),
+    RigQuantity("hand's markers seen", "marker_fraction", "%", 100.0, rig_limits.LEAST_MARKER_FRACTION, True),
+    RigQuantity("servo, unexplained", "servo_residual_rad", "mrad", 1e3, rig_limits.MOST_SERVO_RESIDUAL_RAD),
 )
 
 
 class CampaignThrow(NamedTuple):
     """One trial of a campaign; `throw` counts from 1 and is None for an excluded trial and for a capture."""
 
-    experiment: str
+    experiment: CampaignExperiment
     line: TrialSummary
     throw: int | None
-    hit_radius_m: float
-    aimed: bool = True
 
     @property
     def is_unknown(self) -> bool:
         """Return whether a hit or a miss should be known, and is not; of a capture, whether a result is."""
-        return self.line.hit is None and (self.aimed or bool(self.line.unread))
+        return self.line.hit is None and (self.experiment.aimed or bool(self.line.unread))
 
     @property
     def is_uncertain(self) -> bool:
         """Return whether a counted throw is too near to the hit radius to be a certain hit or miss."""
-        return self.throw is not None and too_near(self.line, self.hit_radius_m)
+        return self.throw is not None and too_near(self.line, self.experiment.hit_radius_m)
 
 
 class Outlier(NamedTuple):
@@ -206,7 +198,7 @@ class Campaign:
             for line in each.trials:
                 throw += line.excluded is None
                 number = throw if line.excluded is None and each.aimed else None
-                yield CampaignThrow(each.name, line, number, each.hit_radius_m, each.aimed)
+                yield CampaignThrow(each, line, number)
 
     def tally(self) -> CampaignTally:
         """Count the trials."""
@@ -255,16 +247,11 @@ class Campaign:
 
     def best_so_far(self) -> dict[int, list[float]]:
         """Return by throw the least known miss [m] of each experiment so far; a stopped one keeps its own."""
-        found: dict[int, list[float]] = {throw: [] for throw in range(1, self.most_throws() + 1)}
-        for each in self.experiments:
-            best = math.inf
-            for throw in found:
-                line = each.throws[throw - 1] if throw <= len(each.throws) else None
-                if line is not None and line.miss_m is not None:
-                    best = min(best, line.miss_m)
-                if best < math.inf:
-                    found[throw].append(best)
-        return found
+        misses_m = [[line.miss_m for line in each.throws] for each in self.experiments]
+        return {
+            throw: [min(known) for each in misses_m if (known := [m for m in each[:throw] if m is not None])]
+            for throw in range(1, self.most_throws() + 1)
+        }
 
     def outliers(self) -> list[Outlier]:
         """Return the counted trials that stand out, the worst first."""
@@ -275,11 +262,10 @@ class Campaign:
         found = []
         for each in self.trials():
             if each.throw is not None:
-                reasons = list(_reasons(each, usual.get(each.throw)))
+                reasons = sorted(_reasons(each, usual.get(each.throw)), reverse=True)
                 if reasons:
-                    severity = max(size for size, _ in reasons)
-                    texts = [text for _, text in sorted(reasons, reverse=True)]
-                    found.append(Outlier(each.experiment, each.line.trial, texts, severity))
+                    texts = [text for _, text in reasons]
+                    found.append(Outlier(each.experiment.name, each.line.trial, texts, reasons[0][0]))
         return sorted(found, key=lambda outlier: -outlier.severity)
 
 

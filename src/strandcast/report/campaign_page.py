@@ -2,7 +2,7 @@
 
 from collections import Counter
 from collections.abc import Iterator
-from typing import Any, NamedTuple
+from typing import Any
 
 from markupsafe import Markup
 
@@ -20,30 +20,22 @@ from strandcast.report.pages import render
 from strandcast.report.panels.campaign import learning, rig_course, throw_misses
 from strandcast.report.panels.content import Panel, PanelContent, Table, make_sections
 from strandcast.report.provenance import mixed_versions, version_tables
-from strandcast.report.text import CITATION, NO_TARGET, Badge, software_sentence
+from strandcast.report.text import CITATION, NO_TARGET, NOT_READ, Badge, software_sentence
 
 MOST_OUTLIERS = 40  # listed by name; the remarks in the table of trials hold all
 VERDICTS = {
     "hit": Badge("HIT", "●", "hit"),
     "no hit": Badge("NO HIT", "▲", "miss"),
-    "unknown": Badge("UNKNOWN", "✕", "failed"),
+    "unknown": NOT_READ,
     "no target": NO_TARGET,
 }
-
-
-class Trouble(NamedTuple):
-    """What failed or is unknown: the experiment or its trial, and why."""
-
-    where: Markup
-    badge: Badge
-    why: str
 
 
 def campaign_page(campaign: Campaign) -> str:
     """Return the HTML page of a campaign. It is made from the experiments' summaries alone."""
     tally = campaign.tally()
     troubles = list(_troubles(campaign))
-    words = Counter(each.badge.word for each in troubles)
+    words = Counter(badge.word for _, badge, _ in troubles)
     groups = _version_groups(campaign)
     return render(
         "campaign.html.jinja",
@@ -92,7 +84,7 @@ def _counted_throws(campaign: Campaign, tally: CampaignTally) -> Iterator[str]:
     throws = [each for each in campaign.trials() if each.throw is not None]
     if not throws:
         return
-    thrown = len({each.experiment for each in throws})
+    thrown = len({each.experiment.name for each in throws})
     were = "was" if len(throws) == 1 else "were"
     text = f"{counted(len(throws), 'throw')} of {counted(thrown, 'experiment')} {were} counted"
     if tally.excluded:
@@ -100,7 +92,7 @@ def _counted_throws(campaign: Campaign, tally: CampaignTally) -> Iterator[str]:
         text += f"; {counted(tally.excluded, 'trial')} {were}"
     unknown = sum(each.is_unknown for each in throws)
     text += f"; the outcome of {counted(unknown, 'throw')} is unknown" if unknown else ""
-    radii = {each.hit_radius_m for each in throws}
+    radii = {each.experiment.hit_radius_m for each in throws}
     limits = " or ".join(map(millimetres, sorted(radii))) + (" (by experiment)" if len(radii) > 1 else "")
     yield (
         f"{text}. The miss is the least distance between the tracked tip and the target, or how far a throw "
@@ -130,33 +122,28 @@ def _badge(tally: CampaignTally) -> Badge:
     if not count and tally.captured:
         return NO_TARGET
     if unknown or not count:
-        return Badge(f"{unknown} UNKNOWN" if count else "NO EXPERIMENT", "✕", "failed")
-    return (
-        Badge(f"{hit} OF {count} HIT", "●", "hit")
-        if hit == count
-        else Badge(f"{hit} OF {count} HIT", "▲", "miss")
-    )
+        return NOT_READ._replace(word=f"{unknown} UNKNOWN" if count else "NO EXPERIMENT")
+    return VERDICTS["hit" if hit == count else "no hit"]._replace(word=f"{hit} OF {count} HIT")
 
 
-def _troubles(campaign: Campaign) -> Iterator[Trouble]:
-    """Yield what failed or is unknown, experiments first."""
-    unknown = VERDICTS["unknown"]
+def _troubles(campaign: Campaign) -> Iterator[tuple[Markup, Badge, str]]:
+    """Yield what failed or is unknown, experiments first: the experiment or its trial, its state, and why."""
     for each in campaign.experiments:
         if each.summary is None:
-            yield Trouble(Markup("{}").format(each.name), unknown, each.problem or "no summary")
+            yield Markup("{}").format(each.name), NOT_READ, each.problem or "no summary"
         for file, why in each.summary.unread.items() if each.summary is not None else ():
-            yield Trouble(page_link(each.name), unknown, f"{file}: {why}")
+            yield page_link(each.name), NOT_READ, f"{file}: {why}"
     for each in campaign.experiments:
         for line in each.throws:
             if line.unread or (line.hit is None and each.aimed):
                 why = "; ".join(f"{file}: {reason}" for file, reason in line.unread.items())
-                badge = line_badge(line, each.hit_radius_m) if line.hit is not None else unknown
-                yield Trouble(page_link(each.name, line.trial, named=True), badge, why or "no verdict")
+                badge = line_badge(line, each.hit_radius_m) if line.hit is not None else NOT_READ
+                yield page_link(each.name, line.trial, named=True), badge, why or "no verdict"
         for trial in each.waiting:
             where = Markup("{}").format(f"{each.name}, trial {trial.trial}")
-            failed = trial.failure is not None
-            badge = Badge("FAILED", "✕", "failed") if failed else Badge("WAITING", "◌", "excluded")
-            yield Trouble(where, badge, trial.failure or "thrown, but not in the experiment’s summary")
+            waits = Badge("WAITING", "◌", "excluded")
+            badge = waits if trial.failure is None else NOT_READ._replace(word="FAILED")
+            yield where, badge, trial.failure or "thrown, but not in the experiment’s summary"
 
 
 def _experiments(campaign: Campaign) -> Table:

@@ -1,6 +1,7 @@
 """The table of all trials of a campaign, as rows of a page and as CSV."""
 
-from typing import Any, NamedTuple
+from collections.abc import Callable
+from typing import Any
 from urllib.parse import quote
 
 from markupsafe import Markup
@@ -11,28 +12,6 @@ from strandcast.report.campaign import RIG_QUANTITIES, Campaign, CampaignThrow
 from strandcast.report.numbers import UNKNOWN, signed
 from strandcast.report.pages import csv_link
 from strandcast.report.text import NO_TARGET, Badge, verdict_badge
-
-HEADS = (
-    *(
-        "experiment",
-        "trial",
-        "throw",
-        "verdict",
-        "miss [mm]",
-        "predicted [mm]",
-        "E planned [mm]",
-        "E fit [mm]",
-    ),
-    *("tracked [%]", "clock ± [ms]", *(f"{each.name} [{each.unit}]" for each in RIG_QUANTITIES), "remark"),
-)
-
-
-class CampaignRow(NamedTuple):
-    """One trial in the table: the style of its row, its verdict, its cells, its remark."""
-
-    style: str
-    cells: list[Any]
-    remark: str
 
 
 def page_link(experiment: str, trial: int | None = None, *, named: bool = False) -> Markup:
@@ -55,40 +34,37 @@ def chip(badge: Badge) -> Markup:
     return Markup('<span class="chip {} small">{} {}</span>').format(badge.style, badge.shape, badge.word)
 
 
-def trial_rows(campaign: Campaign) -> list[CampaignRow]:
-    """Return the rows of the table: unknown trials first, then those not seen, then all others in order."""
+def trial_rows(campaign: Campaign) -> list[tuple[str, list[Any], str]]:
+    """Return style, cells and remark of each row: unknown trials first, then those not seen, then others."""
     reasons = {(each.experiment, each.trial): each.reasons for each in campaign.outliers()}
     trials = sorted(campaign.trials(), key=_urgency)
-    return [_row(each, reasons.get((each.experiment, each.line.trial), [])) for each in trials]
+    return [_row(each, reasons.get((each.experiment.name, each.line.trial), [])) for each in trials]
 
 
 def _urgency(each: CampaignThrow) -> int:
     line = each.line
     if line.excluded is not None:
         return 2
-    return 0 if each.is_unknown else 1 if line.miss_m is None and each.aimed else 2
+    return 0 if each.is_unknown else 1 if line.miss_m is None and each.experiment.aimed else 2
 
 
-def _row(each: CampaignThrow, reasons: list[str]) -> CampaignRow:
+def _row(each: CampaignThrow, reasons: list[str]) -> tuple[str, list[Any], str]:
     line = each.line
-    captured = line.excluded is None and not each.aimed
-    predicted = (line.predicted_p10_m, line.predicted_p90_m)
-    cells = [
-        page_link(each.experiment),
-        page_link(each.experiment, line.trial),
-        each.throw or UNKNOWN,
-        chip(NO_TARGET if captured else line_badge(line, each.hit_radius_m)),
-        _number(line.miss_m, 1e3, 1, line.miss_sigma_m),
-        UNKNOWN if None in predicted else " to ".join(_number(value, 1e3, 1) for value in predicted),
-        _number(line.E_planned_m, 1e3, 1),
-        _number(line.E_m, 1e3, 1),
-        _number(line.tracked_fraction, 100.0, 1),
-        _number(line.alignment_offset_se_s, 1e3, 2),
-        *(_number(quantity.of(line), 1.0, 2) for quantity in RIG_QUANTITIES),
-    ]
+    cells = [cell(each) for cell in COLUMNS.values()]
+    cells += [_number(quantity.of(line), 1.0, 2) for quantity in RIG_QUANTITIES]
     excluded = [f"excluded: {line.excluded}"] if line.excluded is not None else []
     unread = [f"{file}: {why}" for file, why in line.unread.items()]
-    return CampaignRow("excluded" if excluded else "", cells, "; ".join([*excluded, *unread, *reasons]))
+    return "excluded" if excluded else "", cells, "; ".join([*excluded, *unread, *reasons])
+
+
+def _outcome(each: CampaignThrow) -> Markup:
+    captured = each.line.excluded is None and not each.experiment.aimed
+    return chip(NO_TARGET if captured else line_badge(each.line, each.experiment.hit_radius_m))
+
+
+def _predicted(line: TrialSummary) -> str:
+    ends_m = (line.predicted_p10_m, line.predicted_p90_m)
+    return UNKNOWN if None in ends_m else " to ".join(_number(end_m, 1e3, 1) for end_m in ends_m)
 
 
 def _number(value: float | None, factor: float, digits: int, sigma: float | None = None) -> str:
@@ -99,10 +75,25 @@ def _number(value: float | None, factor: float, digits: int, sigma: float | None
     return text if sigma is None else f"{text} ± {sigma * factor:.{digits}f}"
 
 
+COLUMNS: dict[str, Callable[[CampaignThrow], Any]] = {
+    "experiment": lambda each: page_link(each.experiment.name),
+    "trial": lambda each: page_link(each.experiment.name, each.line.trial),
+    "throw": lambda each: each.throw or UNKNOWN,
+    "verdict": _outcome,
+    "miss [mm]": lambda each: _number(each.line.miss_m, 1e3, 1, each.line.miss_sigma_m),
+    "predicted [mm]": lambda each: _predicted(each.line),
+    "E planned [mm]": lambda each: _number(each.line.E_planned_m, 1e3, 1),
+    "E fit [mm]": lambda each: _number(each.line.E_m, 1e3, 1),
+    "tracked [%]": lambda each: _number(each.line.tracked_fraction, 100.0, 1),
+    "clock ± [ms]": lambda each: _number(each.line.alignment_offset_se_s, 1e3, 2),
+}
+HEADS = (*COLUMNS, *(f"{each.name} [{each.unit}]" for each in RIG_QUANTITIES), "remark")
+
+
 def trials_csv(campaign: Campaign) -> Markup:
     """Return the table of trials as CSV, with the names and units of the summaries."""
     rows = [
-        [each.experiment, each.throw, *(getattr(each.line, name) for name in TRIAL_COLUMNS)]
+        [each.experiment.name, each.throw, *(getattr(each.line, name) for name in TRIAL_COLUMNS)]
         for each in campaign.trials()
     ]
     return csv_link(rows, ["experiment", "throw", *TRIAL_COLUMNS], "campaign")

@@ -10,6 +10,7 @@ import numpy as np
 
 from strandcast.errors import StrandcastError
 from strandcast.records.motion import Motion
+from strandcast.report import rig_limits
 from strandcast.report.causes import (
     arm_faults,
     caveat,
@@ -22,13 +23,6 @@ from strandcast.report.causes import (
 from strandcast.report.measures import fitted_rows
 from strandcast.report.numbers import fine_millimetres, millimetres, milliseconds, percent, scaled
 from strandcast.report.results import FILES, TrialResults
-from strandcast.report.rig_limits import (
-    LEAST_MARKER_FRACTION,
-    MOST_DRIFT,
-    MOST_LENS_RMS_PX,
-    MOST_PLANE_RMS_PX,
-    MOST_SERVO_RESIDUAL_RAD,
-)
 from strandcast.report.text import warnings_of
 
 STATES = FAIL, WARN, NOT_RUN, PASS = "FAIL", "WARN", "NOT RUN", "PASS"  # the gravest first
@@ -230,7 +224,7 @@ def _tip(results: TrialResults) -> CheckOutcome:
 def _drift(results: TrialResults) -> CheckOutcome:
     fit = results.need("alignment")
     found = scaled(fit.drift, 1e6, 1, "ppm", fit.drift_se)
-    return abs(fit.drift) <= MOST_DRIFT, found, f"≤ {MOST_DRIFT * 1e6:g} ppm"
+    return abs(fit.drift) <= rig_limits.MOST_DRIFT, found, f"≤ {rig_limits.MOST_DRIFT * 1e6:g} ppm"
 
 
 def _arm_and_files(results: TrialResults) -> CheckOutcome | None:
@@ -272,7 +266,8 @@ def _servo(results: TrialResults) -> CheckOutcome | None:
     lags = "" if servo.lag_s is None else f"lag {', '.join(f'{1e3 * lag:.0f}' for lag in servo.lag_s)} ms; "
     what = "mrad rms unexplained"
     found = f"{lags}{max(left) * 1e3:.1f} {what} at worst"
-    return max(left) <= MOST_SERVO_RESIDUAL_RAD, found, f"≤ {1e3 * MOST_SERVO_RESIDUAL_RAD:g} {what}"
+    most_rad = rig_limits.MOST_SERVO_RESIDUAL_RAD
+    return max(left) <= most_rad, found, f"≤ {1e3 * most_rad:g} {what}"
 
 
 def _fit(results: TrialResults) -> CheckOutcome:
@@ -322,8 +317,8 @@ class Check(NamedTuple):
 
 
 LIGHT, HARDER = "more light, shorter exposure, larger markers", "clamp the string harder"
-LENS = _at_most("camera", "lens.rms_px", MOST_LENS_RMS_PX, "{:.3f} px".format, " px rms")
-PLANE = _at_most("camera", "plane_rms_px", MOST_PLANE_RMS_PX, "{:.3f} px".format, " px rms")
+LENS = _at_most("camera", "lens.rms_px", rig_limits.MOST_LENS_RMS_PX, "{:.3f} px".format, " px rms")
+PLANE = _at_most("camera", "plane_rms_px", rig_limits.MOST_PLANE_RMS_PX, "{:.3f} px".format, " px rms")
 OFFSET = _at_most("alignment", "offset_se_s", 0.002, lambda s: f"± {milliseconds(s)}", " s (standard error)")
 SIGMA = _at_most("track_summary", "median_sigma_m", 0.003, fine_millimetres, " m (median σ)")
 HAND = _at_most("alignment", "residual_rms_m", 0.005, fine_millimetres, " m rms")
@@ -336,7 +331,7 @@ CHECKS = [
     Check(PREDICTION, "played motion is the planned one", _played, severity=FAIL),
     Check(MISS, "calibration: lens", LENS),
     Check(MISS, "calibration: plane of motion", PLANE),
-    Check(MISS, "hand's markers: seen", _share("marker_fraction", LEAST_MARKER_FRACTION), LIGHT),
+    Check(MISS, "hand's markers: seen", _share("marker_fraction", rig_limits.LEAST_MARKER_FRACTION), LIGHT),
     Check(MISS, "hand's markers: misread", _misread, LIGHT),
     Check(MISS, "track: points detected", _share("tracked_fraction", 0.8)),
     Check(MISS, "track: tip seen", _share("tip_fraction", 0.9), "a plain background, a brighter string"),

@@ -21,7 +21,7 @@ from strandcast.report.panels.page_data import ExperimentPageData
 from strandcast.report.panels.registry import panels_of
 from strandcast.report.provenance import experiment_provenance, mixed_versions
 from strandcast.report.results import TrialResults, read_results
-from strandcast.report.text import CITATION, NO_TARGET, Badge, uncertain_verdict, verdict_badge
+from strandcast.report.text import CITATION, NO_TARGET, NOT_READ, Badge, uncertain_verdict, verdict_badge
 
 THUMBNAIL_PX = 320
 MOST_PIXELS = 40_000_000  # as of a video's frame
@@ -82,7 +82,7 @@ def _csv(summary: ExperimentSummary) -> Markup:
 
 def _badge(summary: ExperimentSummary, *, uncertain: bool) -> Badge:
     if summary.verdict == "unknown":
-        return Badge("UNKNOWN", "✕", "failed")
+        return NOT_READ
     if summary.target_m is None:
         return NO_TARGET
     if summary.hit_trial is not None and uncertain:

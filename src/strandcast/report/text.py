@@ -32,6 +32,7 @@ class Badge(NamedTuple):
 
 
 NO_TARGET = Badge("NO TARGET", "○", "unseen")
+NOT_READ = Badge("UNKNOWN", "✕", "failed")
 
 
 def verdict_badge(
@@ -44,7 +45,7 @@ def verdict_badge(
     if excluded is not None:
         return Badge("EXCLUDED", "◌", "excluded")
     if verdict is None:
-        return Badge("UNKNOWN", "✕", "failed")
+        return NOT_READ
     if isinstance(verdict, Verdict) and verdict.target_m is None:
         return NO_TARGET
     if verdict.miss_m is None:
