@@ -26,7 +26,7 @@ from strandcast.config.camera import Board, CameraSettings
 from strandcast.errors import StrandcastError
 from strandcast.records.camera import Camera, Lens
 from strandcast.records.summary import ExperimentSummary
-from strandcast.report.panels.camera_picture import camera_picture
+from strandcast.report.panels.calibration import camera_picture
 from strandcast.report.panels.page_data import ExperimentPageData
 from strandcast.stages.calibrate import _board_frames, _warn_of_former, plane_markers_of
 from strandcast.stages.context import context_of

@@ -17,7 +17,7 @@ from strandcast.report.panels.next_motion import next_motion
 from strandcast.report.panels.page_data import TrialPageData
 from strandcast.report.panels.parameters import parameters
 from strandcast.report.panels.registry import panels_of
-from strandcast.report.panels.slip import slip_panel
+from strandcast.report.panels.tracking import slip_panel
 from strandcast.report.results import TrialResults, read_results
 from strandcast.report.text import methods, uncertain_verdict, verdict_badge
 from strandcast.report.trial_page import trial_page

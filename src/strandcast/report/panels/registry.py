@@ -8,28 +8,24 @@ from strandcast.errors import StrandcastError
 from strandcast.report.causes import slip_words
 from strandcast.report.panels.alignment import alignment
 from strandcast.report.panels.budget import budget
-from strandcast.report.panels.calibration import calibration
-from strandcast.report.panels.camera_picture import camera_picture
+from strandcast.report.panels.calibration import calibration, camera_picture
 from strandcast.report.panels.content import Panel, PanelContent
-from strandcast.report.panels.evaluation import evaluation
-from strandcast.report.panels.fit_error import fit_error
+from strandcast.report.panels.evaluation import evaluation, fit_error
 from strandcast.report.panels.hand_path import hand_path
 from strandcast.report.panels.lab_truth import lab_truth
 from strandcast.report.panels.next_motion import next_motion
 from strandcast.report.panels.page_data import ExperimentPageData, TrialPageData
 from strandcast.report.panels.parameters import masses, parameters
 from strandcast.report.panels.predicted import next_throw, predicted_throw
-from strandcast.report.panels.predictions import predictions
-from strandcast.report.panels.progress import evaluations, misses
+from strandcast.report.panels.progress import evaluations, misses, predictions
 from strandcast.report.panels.quality import quality
 from strandcast.report.panels.rig_offsets import compares_arm, rig_offsets
-from strandcast.report.panels.slip import slip_panel
 from strandcast.report.panels.space_views import turnable, two_views
 from strandcast.report.panels.strobe import strobe
 from strandcast.report.panels.strobe_picture import strobe_picture
 from strandcast.report.panels.throws import closest_strings, hand_paths, tip_paths
 from strandcast.report.panels.tip_path import tip_path
-from strandcast.report.panels.tracking import tracking
+from strandcast.report.panels.tracking import slip_panel, tracking
 from strandcast.report.panels.viewer import viewer
 
 PageKind = Literal["trial", "experiment"]

@@ -1,12 +1,12 @@
-"""The whole track in one figure: σ of every point in every frame, and the length of every segment."""
+"""The whole track in one figure, σ of every point and length of every segment; and a slip in the clamp."""
 
 from typing import Any
 
 import numpy as np
 from matplotlib.colors import LogNorm
 
-from strandcast.report.causes import slip_words
-from strandcast.report.drawing import INK, Drawing, new_figure
+from strandcast.report.causes import clamp_to_tip_m, slip_in_clamp, slip_words
+from strandcast.report.drawing import FITTED, INK, MEASURED, SINCE_START, Drawing, dashes, new_figure
 from strandcast.report.measures import runs
 from strandcast.report.numbers import millimetres, percent, signed
 from strandcast.report.panels.content import PanelContent, Table
@@ -127,3 +127,22 @@ def _choice_table(summary: Any) -> Table:
     return Table(
         ["choice of the tracker", "value"], rows, "" if rows else "The tracker made no automatic choices."
     )
+
+
+def slip_panel(page: TrialPageData) -> PanelContent:
+    """Return the distance from the clamp to the tip over time."""
+    results = page.results
+    slip, start_s = slip_in_clamp(results), results.need("alignment").motion_start_s
+    assert slip is not None
+    figure = new_figure(10.0, 2.6, left=0.07, top=0.96, bottom=0.22)
+    axes = figure.add_subplot()
+    before = results.robot_time_s() <= results.window_s()[1]
+    since_ms = 1e3 * (results.robot_time_s()[before] - start_s)
+    axes.plot(since_ms, 1e3 * clamp_to_tip_m(results.need("track"))[before], **MEASURED)
+    axes.axhline(1e3 * slip.at_rest_m, **dashes(FITTED), label="length at rest")
+    axes.axvline(1e3 * slip.since_start_s, color=INK, linewidth=1.0, label="slip")
+    lowest_mm = 800.0 * slip.at_rest_m  # a slip is a few per cent of the length
+    axes.set(xlabel=SINCE_START, ylabel="clamp to tip [mm]", ylim=(lowest_mm, None))
+    axes.legend(loc="lower right")
+    drawing = Drawing(figure, "Distance from the clamp to the tip over time.", (axes,))
+    return PanelContent(f"{slip_words(results)}.", drawing, sources=["track.parquet", "alignment.json"])
