@@ -29,10 +29,10 @@ from strandcast.report.first_screen import first_figures
 from strandcast.report.measures import fit_window
 from strandcast.report.numbers import millimetres, milliseconds
 from strandcast.report.pages import csv_link
-from strandcast.report.panels.alignment import alignment
 from strandcast.report.panels.budget import budget, miss_parts
 from strandcast.report.panels.content import PanelContent
 from strandcast.report.panels.evaluation import evaluation, fit_error
+from strandcast.report.panels.hand_path import alignment
 from strandcast.report.panels.lab_truth import lab_truth
 from strandcast.report.panels.next_motion import next_motion
 from strandcast.report.panels.page_data import ExperimentPageData, TrialPageData

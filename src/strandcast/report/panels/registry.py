@@ -6,12 +6,11 @@ from typing import Any, Literal
 from strandcast.core.registry import Registry
 from strandcast.errors import StrandcastError
 from strandcast.report.causes import slip_words
-from strandcast.report.panels.alignment import alignment
 from strandcast.report.panels.budget import budget
 from strandcast.report.panels.calibration import calibration, camera_picture
 from strandcast.report.panels.content import Panel, PanelContent
 from strandcast.report.panels.evaluation import evaluation, fit_error
-from strandcast.report.panels.hand_path import hand_path
+from strandcast.report.panels.hand_path import alignment, hand_path
 from strandcast.report.panels.lab_truth import lab_truth
 from strandcast.report.panels.next_motion import next_motion
 from strandcast.report.panels.page_data import ExperimentPageData, TrialPageData
