@@ -1,16 +1,12 @@
 """The miss of a tracked throw: one function per kind of objective, registered for its class."""
 
 from functools import singledispatch
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 
-from strandcast.core.closest_approach import (
-    GAP_STEPS,
-    closest_approach,
-    gap_message,
-    segment_approaches,
-)
+from strandcast.core.closest_approach import GAP_STEPS, closest_approach, gap_message, segment_approaches
 from strandcast.core.objectives import (
     DIRECTION_M_RAD,
     SPEED_S,
@@ -268,24 +264,14 @@ def _polynomial(away_s: np.ndarray, sigma_m: np.ndarray, coefficients: int) -> t
 
 def least(throw: TrackedThrow, miss_m: np.ndarray, sigma_m: np.ndarray) -> Measured:
     """Return the least of a miss (F,) per frame; nothing is known between frames, or where it is NaN."""
-    best, reason = _least_row(throw, miss_m)
-    if best is None:
-        return None, reason
-    time_s, tip_m = float(throw.time_s[best]), throw.points_m[best, -1]
-    return Shortfall(float(miss_m[best]), float(sigma_m[best]), best, time_s, tip_m), None
-
-
-def _least_row(throw: TrackedThrow, miss_m: np.ndarray) -> tuple[int | None, str | None]:
     known = np.flatnonzero(np.isfinite(miss_m))
     if not len(known):
         return None, "the objective was not tracked in any frame"
-    best = int(known[np.argmin(miss_m[known])])
-    if miss_m[best] == 0.0:
-        return best, None
-    edges = np.array([throw.window_s[0], *throw.time_s[known], throw.window_s[1]])
-    place = int(np.searchsorted(known, best)) + 1
-    for before in (place - 1, place):
-        if edges[before + 1] - edges[before] > GAP_STEPS * throw.step_s:
-            what = "the objective was not tracked at its best moment"
-            return None, gap_message(what, float(edges[before]), float(edges[before + 1]))
-    return best, None
+    place = int(np.argmin(miss_m[known]))
+    best = int(known[place])
+    edges_s = np.array([throw.window_s[0], *throw.time_s[known], throw.window_s[1]])[place : place + 3]
+    for before_s, after_s in pairwise(edges_s.tolist()):
+        if miss_m[best] != 0.0 and after_s - before_s > GAP_STEPS * throw.step_s:
+            return None, gap_message("the objective was not tracked at its best moment", before_s, after_s)
+    time_s, tip_m = float(throw.time_s[best]), throw.points_m[best, -1]
+    return Shortfall(float(miss_m[best]), float(sigma_m[best]), best, time_s, tip_m), None
