@@ -16,12 +16,13 @@ def signed(text: str) -> str:
     return MINUS_ZERO.sub(r"\1", text).replace("-", MINUS)
 
 
-def scaled(value: float | None, scale: float, digits: int, unit: str, sigma: float | None = None) -> str:
-    """Return ``value · scale`` with its unit, and ± the scaled sigma where one is known."""
+def scaled(
+    value: float | None, scale: float, digits: int, unit: str, sigma: float | None = None, sign: str = "-"
+) -> str:
+    """Return ``value · scale`` with its unit, and ± the scaled sigma; `sign` "+" marks positive ones too."""
     if value is None or not math.isfinite(value):
         return UNKNOWN
-    text = f"{value * scale:.{digits}f}"
-    text = signed(text)
+    text = signed(f"{value * scale:{sign}.{digits}f}")
     if sigma is not None and math.isfinite(sigma):
         text += f"{HARD}±{HARD}{sigma * scale:.{digits}f}"
     return f"{text}{HARD}{unit}"

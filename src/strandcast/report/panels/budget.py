@@ -11,7 +11,7 @@ from strandcast.records.verdict import Verdict
 from strandcast.report import drawing as draw
 from strandcast.report.causes import probable_causes
 from strandcast.report.measures import target_ends_m
-from strandcast.report.numbers import HARD, millimetres, milliseconds, signed
+from strandcast.report.numbers import millimetres, milliseconds, scaled
 from strandcast.report.panels.content import PanelContent, Table
 from strandcast.report.panels.page_data import TrialPageData
 from strandcast.report.results import FILES, Array, TrialResults
@@ -53,9 +53,8 @@ def budget(page: TrialPageData) -> PanelContent:
     colours = [draw.MEASURED["color"]] * len(parts) + [draw.FITTED["color"]]
     sigma_mm = 1e3 * (verdict.miss_sigma_m or 0.0)  # the measured tip's, which ends the last part and the sum
     sigmas_mm = [0.0] * (len(parts) - 1) + [sigma_mm] * 2
-    axes.barh(
-        [part.name for part in parts] + ["sum: the miss"], lengths_mm, 0.6, color=colours, xerr=sigmas_mm
-    )
+    names = [*(part.name for part in parts), "sum: the miss"]
+    axes.barh(names, lengths_mm, 0.6, color=colours, xerr=sigmas_mm)
     axes.axvline(0.0, color=draw.INK, linewidth=0.8)
     radius_mm = verdict.hit_radius_m * 1e3
     for side_mm in (-radius_mm, radius_mm):
@@ -78,8 +77,8 @@ def budget(page: TrialPageData) -> PanelContent:
 def _row(part: MissPart, sigma_m: float | None) -> list[str]:
     off_m, since_s = part.passage.off_m, part.passage.since_s
     passes = f"{millimetres(float(np.linalg.norm(off_m)))} off at {milliseconds(since_s, digits=0)}"
-    later = f"{signed(f'{1e3 * part.later_s:+.0f}')}{HARD}ms"
-    return [part.name, _length(part.part_m, sigma_m), later, passes, part.what]
+    later = scaled(part.later_s, 1e3, 0, "ms", sign="+")
+    return [part.name, scaled(part.part_m, 1e3, 1, "mm", sigma_m, "+"), later, passes, part.what]
 
 
 def _finding(results: TrialResults, parts: list[MissPart], miss_m: float) -> str:
@@ -89,7 +88,7 @@ def _finding(results: TrialResults, parts: list[MissPart], miss_m: float) -> str
     sigma_m = verdict.miss_sigma_m if largest is parts[-1] else None
     finding = (
         f"Largest part of the miss of {millimetres(miss_m, verdict.miss_sigma_m)}: {largest.name}, "
-        f"{_length(largest.part_m, sigma_m)}."
+        f"{scaled(largest.part_m, 1e3, 1, 'mm', sigma_m, '+')}."
     )
     if verdict.hit:
         return f"{finding} The throw hit: nothing needs to change."
@@ -178,10 +177,3 @@ def _passage(since_s: Array, found: Approach, ends_m: Array) -> Passage:
     before_s, after_s = since_s[found.index : found.index + 2]
     off_m = found.place_m - nearest_of_bar(found.place_m, ends_m)
     return Passage(float(before_s + found.share * (after_s - before_s)), off_m)
-
-
-def _length(value_m: float, sigma_m: float | None = None) -> str:
-    text = signed(f"{value_m * 1e3:+.1f}")
-    if sigma_m is not None:
-        text += f"{HARD}±{HARD}{sigma_m * 1e3:.1f}"
-    return f"{text}{HARD}mm"
