@@ -110,11 +110,7 @@ KEY_FIGURES: tuple[tuple[str, str, Callable[[Any], str]], ...] = (
     ("rms distance, fit", "estimate", lambda e: fine_millimetres(e.rmse_m)),
     ("mean distance of the tip, fit", "estimate", lambda e: fine_millimetres(e.tip_error_m)),
     ("points tracked", "track_summary", lambda t: percent(t.tracked_fraction)),
-    (
-        "frames / expected",
-        "track_summary",
-        lambda t: f"{t.decoded_frames} / {t.expected_frames}",
-    ),
+    ("frames / expected", "track_summary", lambda t: f"{t.decoded_frames} / {t.expected_frames}"),
     ("lens, rms", "camera", lambda c: f"{c.lens.rms_px:.3f} px"),
     ("plane of motion, rms", "camera", lambda c: f"{c.plane_rms_px:.3f} px"),
     ("clock offset", "alignment", lambda a: milliseconds(a.offset_s, a.offset_se_s)),

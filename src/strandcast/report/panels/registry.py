@@ -13,7 +13,7 @@ from strandcast.report.panels.evaluation import evaluation, fit_error
 from strandcast.report.panels.hand_path import alignment, hand_path
 from strandcast.report.panels.lab_truth import lab_truth
 from strandcast.report.panels.next_motion import next_motion
-from strandcast.report.panels.page_data import ExperimentPageData, TrialPageData
+from strandcast.report.panels.page_data import TrialPageData
 from strandcast.report.panels.parameters import masses, parameters
 from strandcast.report.panels.predicted import next_throw, predicted_throw
 from strandcast.report.panels.progress import evaluations, misses, predictions
@@ -51,11 +51,6 @@ def _planned(page: TrialPageData) -> bool:
     verdict = page.results.get("verdict")
     aimed = verdict is None or (verdict.wanted is None and verdict.closest_m is not None)
     return aimed and _was_predicted(page)
-
-
-def _is_aimed(page: ExperimentPageData) -> bool:
-    """Return whether the experiment has a target."""
-    return page.aimed
 
 
 CLOCKS = ("alignment", "hand")
@@ -302,7 +297,7 @@ EXPERIMENT_PANELS = [
         "no mark: the tip was not detected at its closest approach.",
         good="the marks lie within the wide bars and go down.",
         bad="a mark far above its wide bar: something changed that no string of the ensemble explains.",
-        shown=_is_aimed,
+        shown=lambda page: page.aimed,
     ),
     Panel(
         "predictions",
@@ -337,7 +332,7 @@ EXPERIMENT_PANELS = [
         "Strings at the closest approach",
         closest_strings,
         good="from trial to trial the tip ends nearer to the target.",
-        shown=_is_aimed,
+        shown=lambda page: page.aimed,
     ),
     Panel(
         "evaluations",
@@ -345,9 +340,9 @@ EXPERIMENT_PANELS = [
         evaluations,
         caption="Excluded trials are grey.",
         good="the diamonds move left from trial to trial: the string is better known before each throw.",
-        shown=_is_aimed,
+        shown=lambda page: page.aimed,
     ),
-    replace(NEXT_MOTION, shown=_is_aimed),
+    replace(NEXT_MOTION, shown=lambda page: page.aimed),
     Panel(
         "arm-file",
         "The arm’s file against the video",

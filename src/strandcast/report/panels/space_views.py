@@ -19,7 +19,6 @@ from strandcast.report.results import Array, SimulatedThrow, TrialResults
 INSTANTS = 7  # of a string that moves through space; more would hide each other
 MOST_FRAMES = 240  # of the view that can be turned: its page stays below a megabyte
 STEP_M = 1e-4  # of its places
-SIDES = ((0, "x [m]"), (1, "y [m]"))
 
 
 def two_views(page: TrialPageData) -> PanelContent:
@@ -32,11 +31,10 @@ def two_views(page: TrialPageData) -> PanelContent:
     aims_m = [verdict.target_m] if verdict is not None and verdict.target_m is not None else []
     every_m = np.vstack([track.points_m.reshape(-1, 3), *aims_m])
     low, high = (reduce(every_m, axis=0) for reduce in (np.nanmin, np.nanmax))
-    reach_m = 0.53 * float((high - low).max())
+    middle_m, reach_m = 0.5 * (low + high), 0.53 * float((high - low).max())
     figure = draw.new_figure(10.0, 5.6, left=0.07, top=0.97, bottom=0.18, wspace=0.1)
     shown = figure.subplots(1, 2, sharey=True)
-    for axes, (across, label) in zip(shown, SIDES, strict=True):
-        seen = [across, 2]
+    for axes, seen in zip(shown, draw.views(3), strict=True):
         axes.plot(*track.points_m[:, -1][:, seen].T, **(draw.MEASURED | {"linewidth": 0.6, "alpha": 0.6}))
         for k, row in enumerate(rows):
             frame = track.frame[row]
@@ -46,17 +44,15 @@ def two_views(page: TrialPageData) -> PanelContent:
             axes.plot(*end_m[:, seen].T, **draw.marks("s", 4.5, color=draw.HAND))
         axes.plot([], [], **draw.marks("s", 4.5, color=draw.HAND), label="driven end")
         _draw_aim(axes, verdict, seen)
-        middle = 0.5 * (low[across] + high[across])
-        axes.set(xlabel=label, xlim=(middle - reach_m, middle + reach_m), aspect="equal")
-    shown[0].set_ylim(0.5 * (low[2] + high[2]) - reach_m, 0.5 * (low[2] + high[2]) + reach_m)
-    shown[0].set_ylabel("z [m], up")
+        limits = middle_m[seen[0]] - reach_m, middle_m[seen[0]] + reach_m
+        axes.set(xlabel=f"{'xy'[seen[0]]} [m]", xlim=limits, aspect="equal")
+    shown[0].set(ylabel="z [m], up", ylim=(middle_m[2] - reach_m, middle_m[2] + reach_m))
     draw.legend_below(figure, shown[0])
     finding = f"{len(rows)} instants at equal steps of the last marker’s path"
     error_m = _mean_distance(results, throws.get("fitted"))
     if error_m is not None:
-        finding += (
-            f"; over the {fit_window(results)} the fitted markers are {millimetres(error_m)} off on average"
-        )
+        window = fit_window(results)
+        finding += f"; over the {window} the fitted markers are {millimetres(error_m)} off on average"
     finding += "."
     return PanelContent(
         finding,

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from strandcast.records.camera import Camera
 from strandcast.records.clip import PLAYED_HZ, Clip
 from strandcast.report.measures import fitted_rows, runs, target_distance_m
-from strandcast.report.numbers import millimetres, milliseconds
+from strandcast.report.numbers import counted, millimetres, milliseconds
 from strandcast.report.pages import render
 from strandcast.report.panels.content import PanelContent
 from strandcast.report.panels.page_data import TrialPageData
@@ -78,8 +78,8 @@ def viewer(page: TrialPageData) -> PanelContent:
     results = page.results
     clip, verdict = results.need("clip"), results.need("verdict")
     film, camera = film_of(results, clip), results.need("camera")
-    closest, miss = film.at(verdict.closest_frame), millimetres(verdict.miss_m)
-    finding = _finding(film, closest, miss, film.worst(), len(film.flagged_runs()))
+    closest = film.at(verdict.closest_frame)
+    finding = _finding(film, closest, verdict.miss_m)
     rim = path_of(clip_px(camera, clip, rim_m(verdict))) if results.aimed() else None
     return PanelContent(
         finding,
@@ -151,9 +151,8 @@ def film_of(results: TrialResults, clip: Clip) -> Film:
         fitted_m = throw.at(frame)
     apart_m = np.linalg.norm(measured_m[:, 1:] - fitted_m[:, 1:], axis=2)
     known = np.isfinite(apart_m) & detected[:, 1:]
-    error_m = np.where(known, apart_m, 0.0).sum(axis=1) / np.where(
-        known.any(axis=1), known.sum(axis=1), np.nan
-    )
+    counted_points = np.where(known.any(axis=1), known.sum(axis=1), np.nan)
+    error_m = np.where(known, apart_m, 0.0).sum(axis=1) / counted_points
     to_target_m = np.full(len(frame), np.nan)
     if results.aimed():
         to_target_m = target_distance_m(results.need("verdict"), measured_m[:, -1])
@@ -168,14 +167,14 @@ def clip_px(camera: Camera, clip: Clip, places_m: Array) -> Array:
     return np.asarray((project_px(camera, places_m) - (left, top) + 0.5) * scale - 0.5)
 
 
-def _finding(film: Film, closest: int | None, miss: str, worst: int | None, runs: int) -> str:
+def _finding(film: Film, closest: int | None, miss_m: float | None) -> str:
     parts = [f"Frames {film.frame[0]} to {film.frame[-1]} of the camera"]
     if closest is not None:
-        parts.append(f"closest approach at frame {film.frame[closest]}: {miss}")
-    if worst is not None:
+        parts.append(f"closest approach at frame {film.frame[closest]}: {millimetres(miss_m)}")
+    if (worst := film.worst()) is not None:
         error = millimetres(float(film.error_m[worst]))
         parts.append(f"worst fit in frame {film.frame[worst]}, {error} in the mean over the string")
-    parts.append(f"{runs} run{'' if runs == 1 else 's'} of frames with flagged points")
+    parts.append(f"{counted(len(film.flagged_runs()), 'run')} of frames with flagged points")
     return "; ".join(parts) + "."
 
 
