@@ -164,9 +164,8 @@ def _lost_tip(results: TrialResults) -> Iterator[Cause]:
         before, after = gap
         start_s = results.need("alignment").motion_start_s
         lasted_s = float(time_s[after] - time_s[before])
-        speed_m_s = float(
-            np.linalg.norm(tip[before] - tip[before - 1]) / (time_s[before] - time_s[before - 1])
-        )
+        step_s = time_s[before] - time_s[before - 1]
+        speed_m_s = float(np.linalg.norm(tip[before] - tip[before - 1]) / step_s)
         beside = np.isfinite(track.points_m[before + 1 : after, 1:-1]).all(axis=2).mean()
         nowhere = int((~np.isfinite(tip[before + 1 : after])).any(axis=1).sum())
         evidence += (
@@ -217,24 +216,21 @@ def _blur(results: TrialResults, speed_m_s: float) -> str:
 def _slip(results: TrialResults) -> Iterator[Cause]:
     slip = slip_in_clamp(results)
     if slip is not None and slipped(slip):
-        most_m = slip.at_rest_m + slip.rise_m
+        rise, most_m = millimetres(slip.rise_m, digits=0), slip.at_rest_m + slip.rise_m
         yield Cause(
-            f"the string slipped out of the clamp by about {millimetres(slip.rise_m, digits=0)} during "
-            "the throw",
+            f"the string slipped out of the clamp by about {rise} during the throw",
             f"at rest before the throw the string was {millimetres(slip.at_rest_m, slip.sigma_m)} long, from "
-            "clamp to tip along it; from "
-            f"{milliseconds(slip.since_start_s, digits=0)} after the motion’s start on, the tip was up to "
-            f"{millimetres(most_m)} away from the clamp, farther than a string that is held can reach",
-            "the fit takes one length for the whole throw: its parameters, the next motion and the "
-            "places of the "
-            "points along the string are wrong",
-            "clamp the string harder, exclude this trial (strandcast exclude), measure string.length_m "
-            "again and "
-            "repeat the throw; a rubber-like string that stretches looks the same",
+            f"clamp to tip along it; from {milliseconds(slip.since_start_s, digits=0)} after the motion’s "
+            f"start on, the tip was up to {millimetres(most_m)} away from the clamp, farther than a string "
+            "that is held can reach",
+            "the fit takes one length for the whole throw: its parameters, the next motion and the places of "
+            "the points along the string are wrong",
+            "clamp the string harder, exclude this trial (strandcast exclude), measure string.length_m again "
+            "and repeat the throw; a rubber-like string that stretches looks the same",
             "slip",
             "clamp the string harder and throw again",
-            f"Do not use: the string slipped out of the clamp by {millimetres(slip.rise_m, digits=0)} during "
-            "the throw, and the fit takes one length for all of it.",
+            f"Do not use: the string slipped out of the clamp by {rise} during the throw, and the fit takes "
+            "one length for all of it.",
         )
 
 
@@ -245,26 +241,24 @@ def _wrong_clock(results: TrialResults) -> Iterator[Cause]:
     nominal_hz = manifest.video.frame_rate_hz
     true_hz, true_se_hz = nominal_hz / (1.0 + fit.drift), nominal_hz * fit.drift_se
     nominal, true = f"{nominal_hz:.6g}", f"{true_hz:.6g}"  # finer than clocks drift, and as YAML reads it
-    lasted_s = fit.motion_end_s - fit.motion_start_s
-    source = (
-        "experiment.yaml" if manifest.video.frame_rate_source == "experiment" else "the video’s time stamps"
-    )
+    by_hand = scaled(true_hz, 1, 3, "frames/s", true_se_hz)
+    drift = scaled(abs(fit.drift), 100, 2, "%", fit.drift_se)
+    apart = milliseconds(abs(fit.drift) * (fit.motion_end_s - fit.motion_start_s))
+    stated = manifest.video.frame_rate_source == "experiment"
+    source = "experiment.yaml" if stated else "the video’s time stamps"
     yield Cause(
         f"the video’s frame rate is wrong: {nominal} frames/s by {source}, {true} by the hand’s motion",
-        f"the hand by the camera and by the joint log agree only with the camera’s clock running "
-        f"{scaled(abs(fit.drift), 100, 2, '%', fit.drift_se)} "
-        f"{'slower' if fit.drift > 0 else 'faster'} than the robot’s (true rate "
-        f"{scaled(true_hz, 1, 3, 'frames/s', true_se_hz)}); usual clocks agree within 0.01 %",
-        f"without this correction, video and log would part by {milliseconds(abs(fit.drift) * lasted_s)} "
-        "during the "
-        "motion; it has been corrected in this fit, and the rate is known only as well as the line above "
-        "says",
-        "check the rate that the camera was set to and write it: "
-        f"camera.frame_rate_hz: {true}; if it is right, the log’s time stamps are wrong",
+        f"the hand by the camera and by the joint log agree only with the camera’s clock running {drift} "
+        f"{'slower' if fit.drift > 0 else 'faster'} than the robot’s (true rate {by_hand}); usual clocks "
+        "agree within 0.01 %",
+        f"without this correction, video and log would part by {apart} during the motion; it has been "
+        "corrected in this fit, and the rate is known only as well as the line above says",
+        f"check the rate that the camera was set to and write it: camera.frame_rate_hz: {true}; if it is "
+        "right, the log’s time stamps are wrong",
         "clocks",
         f"set camera.frame_rate_hz: {true} and run again",
-        f"The frame rate by {source}, {nominal} frames/s, was wrong; all times were "
-        f"corrected to {scaled(true_hz, 1, 3, 'frames/s', true_se_hz)}, the rate by the hand’s motion.",
+        f"The frame rate by {source}, {nominal} frames/s, was wrong; all times were corrected to {by_hand}, "
+        "the rate by the hand’s motion.",
     )
 
 

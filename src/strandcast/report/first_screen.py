@@ -115,17 +115,12 @@ def doubts(checks: Mapping[str, list[CheckResult]]) -> Doubts:
 
 def _in_words(check: CheckResult) -> str:
     """Return a check and what it found, as long as a line."""
-    found = (
-        check.found if len(check.found) <= MOST_FOUND else f"{check.found[:MOST_FOUND].rsplit(' ', 1)[0]} …"
-    )
-    return f"{check.name} ({found})"
+    cut = f"{check.found[:MOST_FOUND].rsplit(' ', 1)[0]} …"
+    return f"{check.name} ({check.found if len(check.found) <= MOST_FOUND else cut})"
 
 
 def next_step(
-    results: TrialResults | None,
-    upcoming: Motion | None,
-    command: str | None,
-    thrown: int | None = None,
+    results: TrialResults | None, upcoming: Motion | None, command: str | None, thrown: int | None = None
 ) -> NextStep | None:
     """Return what to do after a trial; `command` plays the next motion, `thrown` is the trial after it.
 

@@ -111,9 +111,10 @@ def outcome(results: TrialResults) -> str:
 
 def _as_fitted(results: TrialResults) -> str:
     """Return in words how well a trial without a target was fitted, or that it was not."""
-    if results.get("estimate") is None:
+    estimate = results.get("estimate")
+    if estimate is None:
         return "The trial has no target, and was not fitted."
-    return f"A capture without a target: {capture_finding(results.need('estimate'), fit_window(results))}"
+    return f"A capture without a target: {capture_finding(estimate, fit_window(results))}"
 
 
 def capture_finding(estimate: Estimate, window: str) -> str:
@@ -183,27 +184,23 @@ def _camera(camera: Camera) -> str:
 
 
 def _tracking(summary: TrackSummary) -> str:
+    length, share = f"{summary.length_m * 1e3:.0f} mm", f"{summary.tracked_fraction * 100:.1f} %"
     if "point_1_place_m" in summary.choices:
-        return (
-            f"{summary.points} markers on the string of {summary.length_m * 1e3:.0f} mm were captured; "
-            f"{summary.tracked_fraction * 100:.1f} % of their positions were measured (median σ "
-            f"{summary.median_sigma_m * 1e3:.2f} mm)."
-        )
-    return (
-        f"The string of {summary.length_m * 1e3:.0f} mm was represented by {summary.points} mass points; "
-        f"{summary.tracked_fraction * 100:.1f} % of them were detected without a flag (median σ "
-        f"{summary.median_sigma_m * 1e3:.2f} mm)."
-    )
+        text = f"{summary.points} markers on the string of {length} were captured; {share} of their positions"
+        text += " were measured"
+    else:
+        text = f"The string of {length} was represented by {summary.points} mass points; {share} of them"
+        text += " were detected without a flag"
+    return f"{text} (median σ {summary.median_sigma_m * 1e3:.2f} mm)."
 
 
 def _clocks(alignment: Alignment) -> str:
     if alignment.offset_se_s is None:
         return ""
     error_ms = alignment.offset_se_s * 1e3
-    whose = "Capture" if alignment.source == "supplied" else "Camera"
-    return (
-        f"{whose} and robot clocks were aligned by the hand's path to ± {error_ms:.2f} ms (standard error)."
-    )
+    clock = "Capture" if alignment.source == "supplied" else "Camera"
+    aligned = f"{clock} and robot clocks were aligned by the hand's path"
+    return f"{aligned} to ± {error_ms:.2f} ms (standard error)."
 
 
 def _fit(estimate: Estimate) -> str:

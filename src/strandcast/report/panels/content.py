@@ -88,9 +88,8 @@ def make_section(panel: Panel, page: Any) -> PageSection:
     except StrandcastError as problem:
         optional = ABSENT in problem.what and _is_optional(page, Path(problem.file or "").name)
         if optional:
-            problem.fix = (
-                "none needed: only this figure needs the file, everything else is complete without it"
-            )
+            what = "only this figure needs the file, everything else is complete without it"
+            problem.fix = f"none needed: {what}"
         return PageSection(panel, PanelContent(""), problem=problem.message(), optional=optional)
     except Exception as problem:
         log.warning("panel %r failed", panel.name, exc_info=log.isEnabledFor(logging.DEBUG))
@@ -107,11 +106,8 @@ def _is_optional(page: Any, file: str) -> bool:
 
 def make_sections(panels: list[Panel], page: Any, unfolded: Collection[str] = ()) -> list[PageSection]:
     """Return the sections of all panels that the page has; `unfolded` names more of them to unfold."""
-    sections = [make_section(panel, page) for panel in panels if panel.shown(page)]
-    return [
-        replace(each, open=each.panel.open or each.problem is not None or each.name in unfolded)
-        for each in sections
-    ]
+    made = (make_section(panel, page) for panel in panels if panel.shown(page))
+    return [replace(it, open=it.panel.open or it.problem is not None or it.name in unfolded) for it in made]
 
 
 def without_lead(sections: list[PageSection]) -> tuple[PageSection | None, list[PageSection]]:

@@ -17,9 +17,8 @@ def quality(page: ExperimentPageData) -> PanelContent:
     by_check: dict[str, dict[int, str]] = {}
     for trial, checks in page.checks.items():
         for check in checks:
-            if check.name == NEXT_MOTION:  # it has its own section
-                continue
-            by_check.setdefault(check.name, {})[trial] = check.state
+            if check.name != NEXT_MOTION:  # it has its own section
+                by_check.setdefault(check.name, {})[trial] = check.state
     rows = [
         [name, *(_mark(page, trial, states.get(trial, NOT_RUN)) for trial in trials)]
         for name, states in by_check.items()
