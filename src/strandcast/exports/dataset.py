@@ -39,6 +39,8 @@ def export_dataset(experiment: ExperimentView, folder: Path) -> int:
     StrandcastError
         SC-E005 the folder is not empty; SC-W030 no trial has been estimated; SC-E009 frame rates differ.
     """
+    import pandas as pd
+
     refuse_filled(folder, "a dataset")
     trials = [t for t in experiment.trials.values() if (t.folder.results / "estimate.json").is_file()]
     counted = experiment.context.counted(t.number for t in trials)
@@ -62,7 +64,8 @@ def export_dataset(experiment: ExperimentView, folder: Path) -> int:
             shutil.copyfile(throw.video, target)
         start += len(table["index"])
     _write(folder / "meta" / "episodes" / f"{CHUNK.format(0)}.parquet", pa.Table.from_pylist(episodes))
-    _write_tasks(folder / "meta" / "tasks.parquet")
+    tasks = pd.DataFrame({"task_index": [0]}, index=pd.Index([TASK], name="task"))
+    tasks.to_parquet(folder / "meta" / "tasks.parquet")
     whole = {name: np.concatenate([table[name] for table in columns]) for name in columns[0]}
     _write_json(folder / "meta" / "stats.json", {name: _stats(values) for name, values in whole.items()})
     video = videos[0] if filmed else None
@@ -225,14 +228,6 @@ def _stats(values: np.ndarray) -> dict[str, list[float]]:
         rows = np.zeros((1, values.reshape(len(values), -1).shape[1]))
     made = {name: getattr(rows, name)(axis=0).tolist() for name in ("min", "max", "mean", "std")}
     return made | {"count": [len(rows)]}
-
-
-def _write_tasks(path: Path) -> None:
-    import pandas as pd
-
-    tasks = pd.DataFrame({"task_index": [0]}, index=pd.Index([TASK], name="task"))
-    path.parent.mkdir(parents=True, exist_ok=True)
-    tasks.to_parquet(path)
 
 
 def _write(path: Path, table: pa.Table) -> None:

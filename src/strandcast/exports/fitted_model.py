@@ -11,9 +11,10 @@ from strandcast.arm.load import load_arm
 from strandcast.core.strings import CAMERA_OFFSET
 from strandcast.dynamics.batch import HANGING_AT_REST, HandPath
 from strandcast.dynamics.simulate import simulate_batch
+from strandcast.estimation.evaluation import distances, evaluation_of_points, point_values
 from strandcast.estimation.measured import prepare
 from strandcast.exports.mjcf import STRING_KG, arm_with_string, in_mujoco
-from strandcast.exports.mjcf_error import error_in_mujoco
+from strandcast.exports.mjcf_error import play
 from strandcast.records.files import write_bytes
 from strandcast.stages.declarations import STAGES
 from strandcast.stages.estimate import throw_of
@@ -23,7 +24,7 @@ from strandcast.stages.past_trials import read_members, read_trial, string_model
 
 @dataclass(frozen=True)
 class ExportedModel:
-    """An exported model: E on the trial's track in MuJoCo and in our own simulation [m], and its step [s]."""
+    """An exported model, and E on the trial's track [m]: in MuJoCo (infinite if it diverges), in ours."""
 
     file: Path
     E_m: float
@@ -45,19 +46,13 @@ def export_mjcf(trial: TrialView, out: Path, total_kg: float = STRING_KG) -> Exp
     string = read_members(trial.folder.results / "ensemble.parquet", layout).first(1)
     shifted = settings.camera_offset_sd_m is not None
     throw = prepare(
-        throw_of(measured, settings),
-        model.places_m(),
-        settings.start_shape,
-        from_measured_hand=shifted,
+        throw_of(measured, settings), model.places_m(), settings.start_shape, from_measured_hand=shifted
     )
     start_m = simulate_batch(model, string, throw.hand, throw.hand.time_s[:1], throw.start)[0][0, 0]
-    E_m = error_in_mujoco(
-        throw,
-        start_m,
-        in_mujoco(string, model.length_m, float(string.masses.sum())),
-        np.array([string[name][0] for name in CAMERA_OFFSET]),
-        settings.evaluation,
-    )
+    plain = in_mujoco(string, model.length_m, float(string.masses.sum()))
+    points_m = play(throw, start_m, plain) + np.array([string[name][0] for name in CAMERA_OFFSET])
+    apart_m = distances(throw.points_m, points_m, settings.evaluation)
+    E_m = float(evaluation_of_points(point_values(apart_m, throw.weight)))
     posture = np.zeros(len(arm.joints))
     if measured.motion is not None:
         posture = measured.motion.trajectory().q_rad[0]
@@ -68,4 +63,4 @@ def export_mjcf(trial: TrialView, out: Path, total_kg: float = STRING_KG) -> Exp
     bends = np.diff(np.unwrap(np.r_[pose[2], np.arctan2(steps[:, 1], steps[:, 0])]))
     xml = arm_with_string(arm, in_mujoco(string, model.length_m, total_kg), posture, bends)
     write_bytes(out, xml.encode())
-    return ExportedModel(out, E_m, trial.estimate.record.E_m)
+    return ExportedModel(out, E_m if np.isfinite(E_m) else np.inf, trial.estimate.record.E_m)

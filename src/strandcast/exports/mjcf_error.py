@@ -1,4 +1,4 @@
-"""E of an exported string: MuJoCo plays it with the measured path of the hand, compared with the track."""
+"""An exported string in MuJoCo, moved by the measured path of the hand, to compare it with the track."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ from scipy.interpolate import CubicSpline
 from scipy.signal import savgol_filter
 
 from strandcast.dynamics.batch import HandPath
-from strandcast.estimation.evaluation import distances, evaluation_of_points, point_values
 from strandcast.estimation.throws import PreparedThrow
 from strandcast.exports.mjcf import HAND_KG, StringInMuJoCo, string_on_hand
 
@@ -17,35 +16,14 @@ SMOOTHED_S = 0.05
 FASTEST_RAD_S = 2e4
 
 
-def error_in_mujoco(
-    throw: PreparedThrow,
-    start_m: np.ndarray,
-    string: StringInMuJoCo,
-    offset_m: np.ndarray,
-    reading: str,
-) -> float:
-    """Return E of the string as MuJoCo simulates it on a measured throw [m]; infinite if it diverges.
-
-    Parameters
-    ----------
-    start_m
-        (n+1, 2) the string's points at the start of the hand's path [m].
-    string
-        In units of its plain points' mass.
-    offset_m
-        (2,) of the camera's positions from the robot's.
-    reading
-        Frame of reference of E: ``world`` or ``hand``.
-    """
-    points_m = play(throw, start_m, string) + offset_m
-    value = evaluation_of_points(point_values(distances(throw.points_m, points_m, reading), throw.weight))
-    return float(value) if np.isfinite(value) else np.inf
-
-
 def play(
     throw: PreparedThrow, start_m: np.ndarray, string: StringInMuJoCo, step_s: float | None = None
 ) -> np.ndarray:
-    """Return the points (G, n+1, 2) at the throw's frames, NaN from a divergence on [m]."""
+    """Return the points (G, n+1, 2) at the throw's frames, NaN from a divergence on [m].
+
+    `start_m` are the string's points (n+1, 2) at the start of the hand's path [m]; the string is in units of
+    its plain points' mass.
+    """
     step_s = step_s or string.step_s
     model = string_on_hand(string, step_s)
     data = mujoco.MjData(model)
