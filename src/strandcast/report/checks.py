@@ -59,14 +59,11 @@ def run_checks(
     `previous` is the trial before, in which the string may have been longer.
     """
     aimed = results.aimed()
-    checks = [_read(results), *_warned(results)]
-    name, since = "grasp: slipped since the trial before", partial(_slipped_since, previous)
-    slipped = Check(NEXT_THROW, name, since, f"{HARDER}, or exclude the trial")
-    checks += [
-        _run(each, results)
-        for each in (*CHECKS, *([slipped] if previous else []))
-        if aimed or each.test not in AIMED
-    ]
+    tests = [each for each in CHECKS if aimed or each.test not in AIMED]
+    if previous is not None:
+        name, since = "grasp: slipped since the trial before", partial(_slipped_since, previous)
+        tests.append(Check(NEXT_THROW, name, since, f"{HARDER}, or exclude the trial"))
+    checks = [_read(results), *_warned(results), *(_run(each, results) for each in tests)]
     if not aimed:
         return [each._replace(doubted=OF_A_CAPTURE.get(each.doubted, each.doubted)) for each in checks]
     found = _next_motion(next_motion, caveat(results))
@@ -250,9 +247,9 @@ def _misread(results: TrialResults) -> CheckOutcome | None:
     return (wrong <= 0.05 * sightings, found, "≤ 5 %") if sightings else None
 
 
-def _slipped_since(previous: TrialResults | None, results: TrialResults) -> CheckOutcome | None:
-    both = [None if one is None else one.get("track_summary") for one in (previous, results)]
-    before_m, length_m = (None if one is None else one.choices.get("length_m") for one in both)
+def _slipped_since(previous: TrialResults, results: TrialResults) -> CheckOutcome | None:
+    summaries = (each.get("track_summary") for each in (previous, results))
+    before_m, length_m = (None if one is None else one.choices.get("length_m") for one in summaries)
     if not (isinstance(before_m, float) and isinstance(length_m, float)):
         return None
     return abs(length_m - before_m) <= 5e-3, millimetres(length_m - before_m), "≤ 5 mm"

@@ -6,7 +6,6 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import NamedTuple
 
-from markupsafe import Markup
 from PIL import Image
 
 from strandcast.records.estimate import UNDER_PREVIOUS, Estimate
@@ -64,19 +63,16 @@ def experiment_page(
         figures=[] if last is None else first_figures(last, upcoming),
         doubts=doubts(found) if found else None,
         next_step=next_step(last, upcoming, facts.play_command),
-        csv=_csv(summary),
+        csv=csv_link(
+            [[getattr(line, name) for name in TRIAL_COLUMNS] for line in summary.trials],
+            TRIAL_COLUMNS,
+            "trials",
+        ),
         rows=[_row(line, results[line.trial]) for line in summary.trials],
         sections=make_sections(panels_of("experiment"), page),
         citation=CITATION,
         mixed_versions=mixed_versions(summary.made_with),
         provenance=experiment_provenance(results, summary.made_with, facts),
-    )
-
-
-def _csv(summary: ExperimentSummary) -> Markup:
-    """Return the trials' numbers as a CSV file, in the units of the files."""
-    return csv_link(
-        [[getattr(line, name) for name in TRIAL_COLUMNS] for line in summary.trials], TRIAL_COLUMNS, "trials"
     )
 
 

@@ -85,8 +85,6 @@ FILES = {
     "predicted": "predicted.parquet",
     "lab_truth": "lab_truth.parquet",
 }
-
-
 ABSENT = "is not there"  # in the problem of a file that is missing
 OPTIONAL = {"motion", "predicted", "lab_truth"}  # not needed for a complete trial
 
@@ -243,14 +241,13 @@ def _read_picture(path: Path, lineage: Lineage | None) -> bytes:
 
 def _read_hand(path: Path) -> dict[str, HandPoses]:
     rows = read_table(path, HAND)
-    paths = {}
-    for source in ("commanded", "measured", "seen"):
-        mine = rows["source"] == source
-        if mine.any():
-            places = [end.place_m for end in ends_of(rows)]
-            pose = np.column_stack(places or [rows[name] for name in ("x_m", "y_m", "angle_rad")])[mine]
-            paths[source] = HandPoses(rows["robot_time_s"][mine], pose)
-    return paths
+    places = [end.place_m for end in ends_of(rows)]
+    pose = np.column_stack(places or [rows[name] for name in ("x_m", "y_m", "angle_rad")])
+    return {
+        source: HandPoses(rows["robot_time_s"][mine], pose[mine])
+        for source in ("commanded", "measured", "seen")
+        if (mine := rows["source"] == source).any()
+    }
 
 
 def _read_simulated(path: Path) -> dict[str, SimulatedThrow]:

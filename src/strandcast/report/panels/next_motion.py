@@ -141,11 +141,13 @@ def _table(motion: Motion, command: str | None) -> Table:
         speeds = ", ".join(map(significant, predicted.peak_speed_rad_s))
         accelerations = ", ".join(map(significant, predicted.peak_acceleration_rad_s2))
         bend_deg = np.degrees(predicted.largest_bend_rad)
+        expected = expected_miss(motion)
+        counted = "as throws like this one missed in the lab" if predicted.calibrated else "simulated"
         rows += [
             ["predicted time of the hit, from the start", milliseconds(predicted.hit_time_s, digits=0)],
             ["peak joint speed", f"{speeds} rad/s"],
             ["peak joint acceleration", f"{accelerations} rad/s²"],
-            *_expected(motion),
+            *([[f"predicted miss, {counted}", str(expected)]] if expected is not None else []),
             *_limits(motion, predicted),
             ["peak speed of the tip", f"{predicted.peak_tip_speed_m_s:.1f} m/s"],
             ["largest bend between neighbours before the hit", f"{bend_deg:.0f}°"],
@@ -159,15 +161,6 @@ def _table(motion: Motion, command: str | None) -> Table:
         ]
     rows.append(["command to play it", command or UNKNOWN])
     return Table(["next motion", "value"], rows)
-
-
-def _expected(motion: Motion) -> list[list[str]]:
-    """Return the predicted miss, and where its distribution comes from."""
-    expected, predicted = expected_miss(motion), motion.predicted
-    if expected is None or predicted is None:
-        return []
-    counted = "as throws like this one missed in the lab" if predicted.calibrated else "simulated"
-    return [[f"predicted miss, {counted}", str(expected)]]
 
 
 def _limits(motion: Motion, predicted: Prediction) -> list[list[str]]:

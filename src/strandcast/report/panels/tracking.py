@@ -24,7 +24,8 @@ def tracking(page: TrialPageData) -> PanelContent:
     sigma_axes, length_axes = figure.subplots(2, 1)
     sigma_mm = np.where(np.isfinite(track.points_m).all(axis=2), track.sigma_m, np.nan).T * 1e3
     usual_mm = summary.length_m / summary.points * 1e3
-    error = (np.linalg.norm(np.diff(track.points_m, axis=1), axis=2).T * 1e3 / usual_mm - 1.0) * 100
+    segment_m = np.linalg.norm(np.diff(track.points_m, axis=1), axis=2)
+    error = (segment_m.T * 1e3 / usual_mm - 1.0) * 100
     extent = (float(track.frame[0]) - 0.5, float(track.frame[-1]) + 0.5)
     sure_mm = np.where(sigma_mm > 0, sigma_mm, np.nan)
     kymograph(sigma_axes, sure_mm, extent, "σ [mm]", norm=LogNorm(0.1, 10.0), cmap="cividis")
@@ -33,7 +34,7 @@ def tracking(page: TrialPageData) -> PanelContent:
     length_axes.set_title("length of each segment against L/n; empty: not detected")
     sigma_axes.set_ylabel("point (0: hand)")
     length_axes.set(xlabel="frame", ylabel="segment")
-    length_m = np.linalg.norm(np.diff(track.points_m, axis=1), axis=2).sum(axis=1)
+    length_m = segment_m.sum(axis=1)
     whole = np.isfinite(length_m)
     finding = (
         f"{percent(summary.tracked_fraction)} of points detected without a flag, the tip in "
@@ -51,11 +52,7 @@ def tracking(page: TrialPageData) -> PanelContent:
     detected = [found] if found.rows or not results.supplied() else []  # in captures nothing is looked for
     return PanelContent(
         finding,
-        Drawing(
-            figure,
-            f"Tracking quality, point by frame. {finding}",
-            frame_axes=(sigma_axes, length_axes),
-        ),
+        Drawing(figure, f"Tracking quality, point by frame. {finding}", (), (sigma_axes, length_axes)),
         [_lost_table(track), *detected, _choice_table(summary)],
         ["track.parquet", "track.json"],
     )
