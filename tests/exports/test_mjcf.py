@@ -9,9 +9,8 @@ from strandcast.dynamics.batch import HANGING_AT_REST, HandPath
 from strandcast.dynamics.model import StringModel
 from strandcast.dynamics.simulate import simulate_batch
 from strandcast.estimation.throws import PreparedThrow
-from strandcast.exports.fitted_model import export_mjcf
+from strandcast.exports.fitted_model import export_mjcf, play
 from strandcast.exports.mjcf import in_mujoco
-from strandcast.exports.mjcf_error import play
 
 
 @pytest.fixture(scope="module")
