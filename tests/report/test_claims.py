@@ -39,10 +39,9 @@ from strandcast.report.panels.page_data import ExperimentPageData, TrialPageData
 from strandcast.report.panels.predicted import next_throw, predicted_throw, throws_of
 from strandcast.report.panels.progress import misses
 from strandcast.report.panels.quality import quality
-from strandcast.report.panels.strobe import strobe
+from strandcast.report.panels.strobe import strobe, tip_path
 from strandcast.report.panels.strobe_picture import strobe_picture
 from strandcast.report.panels.throws import closest_strings
-from strandcast.report.panels.tip_path import tip_path
 from strandcast.report.panels.viewer import film_of
 from strandcast.report.results import read_results
 from strandcast.report.summary import summarise

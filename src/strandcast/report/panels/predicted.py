@@ -18,7 +18,7 @@ from strandcast.report.numbers import millimetres, percent, with_caveat
 from strandcast.report.panels.content import PanelContent
 from strandcast.report.panels.next_motion import draw_aims, expectation, planned_next
 from strandcast.report.panels.page_data import TrialPageData
-from strandcast.report.panels.tip_path import draw_target, mark_closest
+from strandcast.report.panels.strobe import draw_target, mark_closest
 from strandcast.report.results import FILES, Array, TrialResults
 
 AFTER_HIT_S = 0.1  # drawn after the closest approach; chosen
@@ -53,10 +53,11 @@ def predicted_throw(page: TrialPageData) -> PanelContent:
     _frame_target(near_axes, verdict.target_m, half_m)
     for axes in (path_axes, near_axes):
         draw_target(axes, verdict)
-    low_m, high_m = (_quantile(expected_m, share) for share in (LOW, HIGH))
+    band_m = [_quantile(expected_m, share) for share in (LOW, HIGH)]
     apart_m = target_distance_m(verdict, tip_m)
     since_ms = 1e3 * throws.time_s[expected]
-    time_axes.fill_between(since_ms, 1e3 * low_m[expected], 1e3 * high_m[expected], **BAND)
+    low_mm, high_mm = (1e3 * edge_m[expected] for edge_m in band_m)
+    time_axes.fill_between(since_ms, low_mm, high_mm, **BAND)
     time_axes.plot(1e3 * since_s[shown], 1e3 * apart_m[shown], **draw.MEASURED)
     time_axes.set(xlabel=draw.SINCE_START, ylabel="tip – target [mm]", xlim=(0, 1e3 * until_s))
     draw.log_if_wide(time_axes, "y", 1e3 * apart_m[shown & (apart_m > 0)])
@@ -68,7 +69,7 @@ def predicted_throw(page: TrialPageData) -> PanelContent:
             axes.plot(*place_m, **draw.marks("D", 6, color=draw.MEASURED["color"]), label="closest approach")
         miss_axes.axvline(1e3 * verdict.miss_m, color=draw.MEASURED["color"], linewidth=2.0)
     draw.legend_below(figure, path_axes)
-    finding = _finding(motion, verdict) + _within(results, throws, low_m, high_m, apart_m, since_s)
+    finding = _finding(motion, verdict) + _within(results, throws, band_m, apart_m, since_s)
     return PanelContent(
         finding,
         draw.Drawing(figure, f"The throw as predicted and as measured. {finding}", (time_axes,)),
@@ -92,9 +93,8 @@ def next_throw(page: TrialPageData) -> PanelContent:
     figure = draw.new_figure(10.0, 4.6, left=0.07, top=0.95, bottom=0.21)
     grid = figure.add_gridspec(1, 3, width_ratios=[1.4, 1, 1], wspace=0.32)
     path_axes, near_axes, miss_axes = (figure.add_subplot(grid[k]) for k in range(3))
-    until_s = AFTER_HIT_S + (
-        motion.predicted.hit_time_s if motion.predicted is not None else throws.time_s[-1]
-    )
+    hit_s = throws.time_s[-1] if motion.predicted is None else motion.predicted.hit_time_s
+    until_s = AFTER_HIT_S + hit_s
     half_m = _half_width_m(throws, radius_m)
     tip_m = throws.tip_m[:, throws.time_s <= until_s]
     if tip_m.shape[2] == 2:
@@ -190,12 +190,7 @@ def _finding(motion: Motion, verdict: Verdict) -> str:
 
 
 def _within(
-    results: TrialResults,
-    throws: PredictedThrows,
-    low_m: Array,
-    high_m: Array,
-    apart_m: Array,
-    since_s: Array,
+    results: TrialResults, throws: PredictedThrows, band_m: list[Array], apart_m: Array, since_s: Array
 ) -> str:
     """Return in how many frames up to the closest approach the tip was as far away as predicted."""
     verdict: Verdict = results.need("verdict")
@@ -205,7 +200,7 @@ def _within(
     counted &= np.isfinite(apart_m)
     if not counted.any():
         return ""
-    low, high = (np.interp(since_s[counted], throws.time_s, edge) for edge in (low_m, high_m))
+    low, high = (np.interp(since_s[counted], throws.time_s, edge) for edge in band_m)
     inside = float(np.mean((apart_m[counted] >= low) & (apart_m[counted] <= high)))
     return (
         f" Up to the closest approach the tip’s distance lay within the band in {percent(inside)} of frames."

@@ -20,10 +20,9 @@ from strandcast.report.panels.progress import evaluations, misses, predictions
 from strandcast.report.panels.quality import quality
 from strandcast.report.panels.rig_offsets import compares_arm, rig_offsets
 from strandcast.report.panels.space_views import turnable, two_views
-from strandcast.report.panels.strobe import strobe
+from strandcast.report.panels.strobe import strobe, tip_path
 from strandcast.report.panels.strobe_picture import strobe_picture
 from strandcast.report.panels.throws import closest_strings, hand_paths, tip_paths
-from strandcast.report.panels.tip_path import tip_path
 from strandcast.report.panels.tracking import slip_panel, tracking
 from strandcast.report.panels.viewer import viewer
 
