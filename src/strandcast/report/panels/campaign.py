@@ -21,6 +21,8 @@ def throw_misses(campaign: Campaign) -> PanelContent:
     count = len(campaign.experiments)
     figure = draw.new_figure(8.4, 4.0, top=0.96, bottom=0.2)
     axes = figure.add_subplot()
+    band: dict[str, Any] = {"color": draw.MEASURED["color"], "alpha": 0.25, "lw": 0}
+    median: dict[str, Any] = {"color": draw.MEASURED["color"], "linewidth": 2.4}
     rows = []
     unknown = _unknown_by_throw(campaign)
     for throw in range(1, campaign.most_throws() + 1):
@@ -32,13 +34,11 @@ def throw_misses(campaign: Campaign) -> PanelContent:
         values_mm = [1e3 * miss for _, miss in misses]
         low, middle, high = np.quantile(values_mm, (BAND[0], 0.5, BAND[1]))
         axes.plot(place, values_mm, **draw.marks("o", 2.2, color=draw.GREY, alpha=0.7), label="_")
-        axes.fill_between(
-            [throw - WIDTH, throw + WIDTH], low, high, color=draw.MEASURED["color"], alpha=0.25, lw=0
-        )
-        axes.plot([throw - WIDTH, throw + WIDTH], [middle] * 2, color=draw.MEASURED["color"], linewidth=2.4)
+        axes.fill_between([throw - WIDTH, throw + WIDTH], low, high, **band)
+        axes.plot([throw - WIDTH, throw + WIDTH], [middle] * 2, **median)
     axes.plot([], [], **draw.marks("o", 3, color=draw.GREY), label="a throw")
-    axes.plot([], [], color=draw.MEASURED["color"], linewidth=2.4, label="median")
-    axes.fill_between([], [], [], color=draw.MEASURED["color"], alpha=0.25, lw=0, label="four of five throws")
+    axes.plot([], [], **median, label="median")
+    axes.fill_between([], [], [], **band, label="four of five throws")
     _hit_radius(axes, campaign)
     axes.set(xlabel="throw", ylabel="miss [mm]", ylim=(0, None))
     all_mm = [1e3 * miss for misses in by_throw.values() for _, miss in misses if miss > 0.0]
@@ -49,8 +49,7 @@ def throw_misses(campaign: Campaign) -> PanelContent:
     middles = [f"{1e3 * np.median([m for _, m in misses]):.1f}" for misses in by_throw.values()]
     middles = [*middles[:MOST_MEDIANS], "…", middles[-1]] if len(middles) > MOST_MEDIANS + 1 else middles
     finding = f"Median miss by throw: {' → '.join(middles) or 'none known'} mm, of {known} known misses."
-    if sum(unknown.values()):
-        more = sum(unknown.values())
+    if more := sum(unknown.values()):
         finding += f" {more} more {'is' if more == 1 else 'are'} unknown."
     return PanelContent(
         finding,
@@ -122,12 +121,8 @@ def rig_course(campaign: Campaign) -> PanelContent:
         known = _draw_quantity(axes, campaign, quantity)
         limit = quantity.limit * quantity.factor
         bound = f"{'≥' if quantity.is_least else '≤'} {limit:g} {quantity.unit}"
-        middle = (
-            [signed(f"{np.median(known):.3g}"), signed(f"{min(known):.3g} to {max(known):.3g}")]
-            if known
-            else ["–", "–"]
-        )
-        rows.append([f"{quantity.name} [{quantity.unit}]", *middle, bound, len(bad), lacking])
+        texts = (f"{np.median(known):.3g}", f"{min(known):.3g} to {max(known):.3g}") if known else ("–", "–")
+        rows.append([f"{quantity.name} [{quantity.unit}]", *map(signed, texts), bound, len(bad), lacking])
     step = -(-len(names) // MOST_NAMES)
     panels[-1].set_xticks(range(0, len(names), step), names[::step], rotation=60, ha="right", fontsize=8)
     panels[-1].set_xlim(-0.6, len(names) - 0.4)
@@ -157,9 +152,8 @@ def _draw_quantity(axes: Any, campaign: Campaign, quantity: RigQuantity) -> list
             place, low, middle, high = zip(*found, strict=True)
             style = draw.MEASURED if good else draw.FITTED
             axes.vlines(place, low, high, color=style["color"], linewidth=1.6)
-            axes.plot(
-                place, middle, **draw.marks("o" if good else "X", 4 if good else 6, color=style["color"])
-            )
+            marks = draw.marks("o" if good else "X", 4 if good else 6, color=style["color"])
+            axes.plot(place, middle, **marks)
     limit = quantity.limit * quantity.factor
     sides = (limit, -limit) if any(value < 0.0 for value in known) else (limit,)
     for side in sides:

@@ -37,9 +37,8 @@ def next_motion(page: TrialPageData | ExperimentPageData) -> PanelContent:
     joints = len(motion.joint_names)
     height = 1.1 + 1.75 * joints
     figure = draw.new_figure(10.0, height)
-    curves = figure.add_gridspec(
-        joints, 1, left=0.07, right=0.56, top=0.95, bottom=0.85 / height, hspace=0.28
-    )
+    room = {"top": 0.95, "bottom": 0.85 / height}
+    curves = figure.add_gridspec(joints, 1, left=0.07, right=0.56, hspace=0.28, **room)
     for joint in range(joints):
         axes = figure.add_subplot(curves[joint])
         _draw_joint(axes, motion, played, joint, facts.speed_limits_rad_s)
@@ -49,9 +48,7 @@ def next_motion(page: TrialPageData | ExperimentPageData) -> PanelContent:
     draw.legend_below(figure, axes)
     if motion.predicted is not None:
         views = draw.views(len(motion.target_m))
-        cells = figure.add_gridspec(
-            len(views), 1, left=0.64, right=0.985, top=0.95, bottom=0.85 / height, hspace=0.35
-        )
+        cells = figure.add_gridspec(len(views), 1, left=0.64, right=0.985, hspace=0.35, **room)
         for k, seen in enumerate(views):
             _draw_prediction(figure.add_subplot(cells[k]), motion, facts, seen)
     finding = with_caveat(page.caveat, expectation(motion))
@@ -84,10 +81,8 @@ def _draw_joint(
     if motion.bezier is not None and joint < len(motion.bezier.heights_rad_s):
         heights = motion.bezier.heights_rad_s[joint]
         at_ms = np.linspace(0.0, motion.bezier.duration_s * 1e3, len(heights))
-        dots = draw.marks(
-            "o", 4, color=draw.FITTED["color"], linestyle=":", linewidth=0.8, markerfacecolor="none"
-        )
-        axes.plot(at_ms, heights, **dots, label="control points")
+        style = draw.marks("o", 4, color=draw.FITTED["color"], linewidth=0.8, markerfacecolor="none")
+        axes.plot(at_ms, heights, **(style | {"linestyle": ":"}), label="control points")
     if joint < len(limits_rad_s):
         for k, sign in enumerate((-1, 1)):
             dashed = {"color": draw.INK, "linewidth": 1.0, "linestyle": (0, (6, 3))}
@@ -115,10 +110,8 @@ def draw_aims(axes: Any, motion: Motion, facts: Facts, seen: Sequence[int] = (0,
     for x_m, y_m in aims_m:
         draw.ring(axes, (x_m, y_m), facts.hit_radius_m, width=1.5)
     if aims_m:
-        line = "none" if len(aims_m) == 1 else "-"
-        axes.plot(
-            *np.array(aims_m).T, **draw.marks("+", 10, color=draw.TARGET, linestyle=line), label="target"
-        )
+        crosses = draw.marks("+", 10, color=draw.TARGET, linestyle="none" if len(aims_m) == 1 else "-")
+        axes.plot(*np.array(aims_m).T, **crosses, label="target")
 
 
 def expectation(motion: Motion) -> str:
