@@ -1,6 +1,6 @@
 """Score a throw: its miss with the standard deviation, or why it is not known."""
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -9,7 +9,7 @@ from strandcast.records.alignment import Alignment
 from strandcast.records.camera import PlaneError
 from strandcast.records.track import UNSURE, Track
 from strandcast.records.verdict import AFTER_MOTION_S, Verdict
-from strandcast.scoring.measured_misses import Measured, Shortfall, TrackedThrow, measured_shortfall
+from strandcast.scoring.measured_misses import Measured, TrackedThrow, measured_shortfall
 
 MOST_UNSURE = 0.9  # of the throw's frames: with more of them unsure no miss is reported; chosen
 
@@ -48,15 +48,33 @@ def score_throw(
     shaped. They are independent of the tracker's in a few frames.
     """
     shortfall, reason = tracked_shortfall(track, alignment, aim.objective, length_m, aim.hit_radius_m)
+    objective, bar_m = aim.objective, aim.objective.bar_m
+    unknown = without_target(aim.experiment, aim.trial, aim.hit_radius_m).model_copy(
+        update={
+            "target_m": [float(x) for x in aim.target_m],
+            "hit": False,
+            "reason": reason,
+            "objective": objective.kind,
+            "wanted": objective.refinement,
+            "bar_m": None if bar_m is None else [list(end) for end in bar_m],
+        }
+    )
     if shortfall is None:
-        return _verdict(aim, reason=reason)
-    plane_m = 0.0
+        return unknown
+    seen, plane_m = bool(np.isfinite(shortfall.tip_m).all()), 0.0
     if plane_error is not None:
-        seen = np.isfinite(shortfall.tip_m).all()
         plane_m = plane_error.at(shortfall.tip_m) if seen else plane_error.median_m
     sigma_m = float(np.sqrt(shortfall.sigma_m**2 + plane_m**2 + tip_sigma_m**2))
-    shortfall = shortfall._replace(sigma_m=sigma_m)
-    return _verdict(aim, shortfall, frame=int(track.frame[shortfall.row]))
+    return unknown.model_copy(
+        update={
+            "miss_m": shortfall.miss_m,
+            "miss_sigma_m": sigma_m if np.isfinite(sigma_m) else None,
+            "hit": shortfall.miss_m <= aim.hit_radius_m,
+            "closest_frame": int(track.frame[shortfall.row]),
+            "closest_robot_time_s": shortfall.time_s,
+            "closest_m": shortfall.tip_m.tolist() if seen else None,
+        }
+    )
 
 
 def tracked_shortfall(
@@ -118,28 +136,3 @@ def _too_little(track: Track, rows: np.ndarray) -> str | None:
     if ((track.flags[rows, -1] & UNSURE) > 0).mean() > MOST_UNSURE:
         return "the tip's place is unsure in nearly every frame of the throw"
     return None
-
-
-def _verdict(
-    aim: Aim, shortfall: Shortfall | None = None, *, frame: int | None = None, reason: str | None = None
-) -> Verdict:
-    """Return a throw's verdict: its shortfall, or the reason why it is not known."""
-    objective, bar_m = aim.objective, aim.objective.bar_m
-    known: dict[str, Any] = {
-        "target_m": [float(x) for x in aim.target_m],
-        "hit": False,
-        "closest_frame": frame,
-        "reason": reason,
-        "objective": objective.kind,
-        "wanted": objective.refinement,
-        "bar_m": None if bar_m is None else [list(end) for end in bar_m],
-    }
-    if shortfall is not None:
-        known |= {
-            "miss_m": shortfall.miss_m,
-            "miss_sigma_m": shortfall.sigma_m if np.isfinite(shortfall.sigma_m) else None,
-            "hit": shortfall.miss_m <= aim.hit_radius_m,
-            "closest_robot_time_s": shortfall.time_s,
-            "closest_m": shortfall.tip_m.tolist() if np.isfinite(shortfall.tip_m).all() else None,
-        }
-    return without_target(aim.experiment, aim.trial, aim.hit_radius_m).model_copy(update=known)
