@@ -2,14 +2,14 @@
 
 import base64
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any
 
 import numpy as np
 from markupsafe import Markup
 from numpy.typing import NDArray
 
 from strandcast.records.camera import Camera
-from strandcast.records.clip import PLAYED_HZ, Clip
+from strandcast.records.clip import PLAYED_HZ, Clip, StripPicture
 from strandcast.report.measures import fitted_rows, runs, target_distance_m
 from strandcast.report.numbers import counted, millimetres, milliseconds
 from strandcast.report.pages import render
@@ -60,17 +60,6 @@ class Film:
         """Return the place of the frame with the largest error, among those of the fit."""
         counted_m = np.where(self.counts, self.error_m, np.nan)
         return int(np.nanargmax(counted_m)) if np.isfinite(counted_m).any() else None
-
-
-class StripTile(NamedTuple):
-    """One picture of the film strip: its frame, its caption, and the paths that are drawn over it."""
-
-    frame: int
-    place: int  # in the film
-    text: str
-    webp: str
-    measured: Markup
-    fitted: Markup
 
 
 def viewer(page: TrialPageData) -> PanelContent:
@@ -126,7 +115,7 @@ def viewer_markup(
         plot=PLOT,
         lines={"track": _line(film.to_target_m, highest_m), "model": _line(film.error_m, highest_m)},
         decades={mm: float(_height(np.array(1e-3 * mm), highest_m)) for mm in DECADES_MM},
-        strip=[_tile(clip, film, k, measured_px, fitted_px) for k in range(len(clip.strip))],
+        strip=[_tile(film, picture, measured_px, fitted_px) for picture in clip.strip],
         closest_frame=None if closest is None else int(film.frame[closest]),
     )
     return Markup(markup)
@@ -178,13 +167,14 @@ def _finding(film: Film, closest: int | None, miss_m: float | None) -> str:
     return "; ".join(parts) + "."
 
 
-def _tile(clip: Clip, film: Film, number: int, measured_px: Array, fitted_px: Array) -> StripTile:
-    picture = clip.strip[number]
+def _tile(film: Film, picture: StripPicture, measured_px: Array, fitted_px: Array) -> dict[str, Any]:
+    """Return what a picture of the film strip shows: its place in the film, its caption, and its paths."""
     k = film.at(picture.frame) or 0
     text = f"frame {picture.frame}"
     if np.isfinite(film.since_start_s[k]):
         text += f", {milliseconds(float(film.since_start_s[k]), digits=0)}"
-    return StripTile(picture.frame, k, text, picture.webp, path_of(measured_px[k]), path_of(fitted_px[k]))
+    paths = {"measured": path_of(measured_px[k]), "fitted": path_of(fitted_px[k])}
+    return {"frame": picture.frame, "webp": picture.webp, "place": k, "text": text} | paths
 
 
 def whole_steps(places: Array) -> str:
