@@ -48,6 +48,16 @@ class ClampSlip(NamedTuple):
     sigma_m: float
     since_start_s: float
 
+    @property
+    def least_m(self) -> float:
+        """Return the rise above which a string slipped: good throws show less [m]."""
+        return max(LEAST_SLIP_M, LEAST_SLIP_SHARE * self.at_rest_m, SIGMAS * self.sigma_m)
+
+    @property
+    def is_real(self) -> bool:
+        """Return whether the rise is beyond what a good throw shows."""
+        return self.rise_m > self.least_m
+
 
 def probable_causes(results: TrialResults) -> list[Cause]:
     """Return the probable causes of a bad throw, the gravest first; none for a good one.
@@ -98,7 +108,7 @@ def slip_in_clamp(results: TrialResults) -> ClampSlip | None:
     at_rest_m = float(np.median(along_m[resting]))
     # Of these frames alone: a slip itself makes the length of the whole throw uncertain.
     sigma_m = 1.48 * float(np.median(np.abs(along_m[resting] - at_rest_m)))
-    smooth_m = _running_median(reach_m[thrown])
+    smooth_m = np.median(np.lib.stride_tricks.sliding_window_view(reach_m[thrown], SMOOTHED), axis=1)
     rise_m = float(smooth_m.max()) - at_rest_m
     first = int(np.argmax(smooth_m > at_rest_m + 0.5 * rise_m))
     return ClampSlip(rise_m, at_rest_m, sigma_m, float(time_s[thrown][first] - alignment.motion_start_s))
@@ -110,24 +120,10 @@ def slip_words(results: TrialResults) -> str | None:
         slip = slip_in_clamp(results)
     except StrandcastError:
         return None
-    if slip is None or not slipped(slip):
+    if slip is None or not slip.is_real:
         return None
     after_m = slip.at_rest_m + slip.rise_m
     return f"{millimetres(slip.at_rest_m)} at rest → {millimetres(after_m)} after the slip"
-
-
-def least_slip_m(slip: ClampSlip) -> float:
-    """Return the rise above which a string slipped: good throws show less [m]."""
-    return max(LEAST_SLIP_M, LEAST_SLIP_SHARE * slip.at_rest_m, SIGMAS * slip.sigma_m)
-
-
-def slipped(slip: ClampSlip) -> bool:
-    """Return whether a slip is beyond what a good throw shows."""
-    return slip.rise_m > least_slip_m(slip)
-
-
-def _running_median(values: Array) -> Array:
-    return np.asarray(np.median(np.lib.stride_tricks.sliding_window_view(values, SMOOTHED), axis=1))
 
 
 def _lost_tip(results: TrialResults) -> Iterator[Cause]:
@@ -215,7 +211,7 @@ def _blur(results: TrialResults, speed_m_s: float) -> str:
 
 def _slip(results: TrialResults) -> Iterator[Cause]:
     slip = slip_in_clamp(results)
-    if slip is not None and slipped(slip):
+    if slip is not None and slip.is_real:
         rise, most_m = millimetres(slip.rise_m, digits=0), slip.at_rest_m + slip.rise_m
         yield Cause(
             f"the string slipped out of the clamp by about {rise} during the throw",

@@ -11,15 +11,7 @@ import numpy as np
 from strandcast.errors import StrandcastError
 from strandcast.records.motion import Motion
 from strandcast.report import rig_limits
-from strandcast.report.causes import (
-    arm_faults,
-    caveat,
-    least_slip_m,
-    length_fault,
-    slip_in_clamp,
-    slip_words,
-    slipped,
-)
+from strandcast.report.causes import arm_faults, caveat, length_fault, slip_in_clamp, slip_words
 from strandcast.report.measures import fitted_rows
 from strandcast.report.numbers import fine_millimetres, millimetres, milliseconds, percent, scaled
 from strandcast.report.results import FILES, TrialResults
@@ -207,9 +199,10 @@ def _slip(results: TrialResults) -> CheckOutcome | None:
     if slip is None:
         return None
     found = f"{millimetres(slip.rise_m)} beyond the {millimetres(slip.at_rest_m)} at rest"
-    least = millimetres(least_slip_m(slip))
-    expected = f"≤ {least}: the tip is never farther from the clamp than the string is long"
-    return not slipped(slip), found, expected
+    expected = (
+        f"≤ {millimetres(slip.least_m)}: the tip is never farther from the clamp than the string is long"
+    )
+    return not slip.is_real, found, expected
 
 
 def _tip(results: TrialResults) -> CheckOutcome:
@@ -296,11 +289,7 @@ def _bend(results: TrialResults) -> CheckOutcome | None:
 
 
 # Files with warnings that doubt another number than the miss.
-DOUBTED_BY = {
-    FILES["alignment"]: NEXT_THROW,
-    FILES["estimate"]: NEXT_THROW,
-    FILES["motion"]: PREDICTION,
-}
+DOUBTED_BY = {FILES["alignment"]: NEXT_THROW, FILES["estimate"]: NEXT_THROW, FILES["motion"]: PREDICTION}
 
 
 class Check(NamedTuple):

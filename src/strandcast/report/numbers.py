@@ -64,11 +64,6 @@ def significant(value: float | None, digits: int = 3) -> str:
     return f"{signed(mantissa)}·10{superscript(int(exponent))}"
 
 
-def with_caveat(caveat: str | None, sentence: str) -> str:
-    """Return a finding that opens with a caveat if there is one."""
-    return sentence if caveat is None else f"{caveat[0].upper()}{caveat[1:]}. {sentence}"
-
-
 def superscript(number: int) -> str:
     """Return an exponent in superscript digits."""
     return str(number).translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"))

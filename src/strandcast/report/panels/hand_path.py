@@ -62,10 +62,7 @@ def hand_path(page: TrialPageData) -> PanelContent:
         tables.append(servo_table(estimate.servo))
         sources.append("estimate.json")
     return PanelContent(
-        finding,
-        draw.Drawing(figure, f"Path of the hand. {finding}", (apart_axes,)),
-        tables,
-        sources,
+        finding, draw.Drawing(figure, f"Path of the hand. {finding}", (apart_axes,)), tables, sources
     )
 
 

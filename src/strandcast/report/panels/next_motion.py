@@ -12,17 +12,9 @@ from strandcast.records.motion import Motion, Prediction
 from strandcast.report import drawing as draw
 from strandcast.report.expected import expected_miss
 from strandcast.report.facts import Facts
-from strandcast.report.numbers import (
-    UNKNOWN,
-    millimetres,
-    milliseconds,
-    percent,
-    place,
-    significant,
-    with_caveat,
-)
+from strandcast.report.numbers import UNKNOWN, millimetres, milliseconds, percent, place, significant
 from strandcast.report.panels.content import PanelContent, Table
-from strandcast.report.panels.page_data import ExperimentPageData, TrialPageData
+from strandcast.report.panels.page_data import ExperimentPageData, TrialPageData, with_caveat
 
 
 def next_motion(page: TrialPageData | ExperimentPageData) -> PanelContent:
@@ -51,7 +43,7 @@ def next_motion(page: TrialPageData | ExperimentPageData) -> PanelContent:
         cells = figure.add_gridspec(len(views), 1, left=0.64, right=0.985, hspace=0.35, **room)
         for k, seen in enumerate(views):
             _draw_prediction(figure.add_subplot(cells[k]), motion, facts, seen)
-    finding = with_caveat(page.caveat, expectation(motion))
+    finding = with_caveat(page, expectation(motion))
     return PanelContent(
         finding,
         draw.Drawing(figure, f"The next motion. {finding}"),

@@ -105,3 +105,9 @@ class ExperimentPageData:
         if self.trials and all(piece is None for piece in found.values()):
             next(iter(self.trials.values())).need(name)
         return found
+
+
+def with_caveat(page: TrialPageData | ExperimentPageData, sentence: str) -> str:
+    """Return a finding that opens with the page's caveat if there is one."""
+    caveat = page.caveat
+    return sentence if caveat is None else f"{caveat[0].upper()}{caveat[1:]}. {sentence}"

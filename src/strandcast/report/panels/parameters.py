@@ -9,9 +9,9 @@ from strandcast.core.strings import PARAMETERS
 from strandcast.records.estimate import Estimate, ParameterFit, WeightFit
 from strandcast.report.drawing import ALONG_STRING, FITTED, HAND, MEASURED, Drawing, marks, new_figure
 from strandcast.report.facts import Facts
-from strandcast.report.numbers import significant, with_caveat
+from strandcast.report.numbers import significant
 from strandcast.report.panels.content import PanelContent, Table
-from strandcast.report.panels.page_data import TrialPageData
+from strandcast.report.panels.page_data import TrialPageData, with_caveat
 from strandcast.report.typeset import quantity, symbol, unit
 
 
@@ -40,7 +40,7 @@ def parameters(page: TrialPageData) -> PanelContent:
         + _known_caption(estimate)
     )
     return PanelContent(
-        with_caveat(page.caveat, _finding(estimate)),
+        with_caveat(page, _finding(estimate)),
         tables=[Table(heads, rows, caption)],
         sources=["estimate.json", "ensemble.parquet"],
     )
@@ -150,7 +150,7 @@ def masses(page: TrialPageData) -> PanelContent:
     estimate: Estimate = results.need("estimate")
     figure = new_figure(8.4, 3.2, top=0.9, bottom=0.17)
     _draw_masses(figure.add_subplot(), estimate, facts)
-    finding = with_caveat(page.caveat, _masses_finding(estimate, facts.weight_places_m))
+    finding = with_caveat(page, _masses_finding(estimate, facts.weight_places_m))
     heads = ["kind", "place [mm]", "mass [plain points]", "interval", "range", "bound", "ensemble"]
     rows = [
         [

@@ -14,10 +14,10 @@ from strandcast.records.verdict import Verdict
 from strandcast.report import drawing as draw
 from strandcast.report.expected import expected_miss, expected_shares
 from strandcast.report.measures import target_distance_m
-from strandcast.report.numbers import millimetres, percent, with_caveat
+from strandcast.report.numbers import millimetres, percent
 from strandcast.report.panels.content import PanelContent
 from strandcast.report.panels.next_motion import draw_aims, expectation, planned_next
-from strandcast.report.panels.page_data import TrialPageData
+from strandcast.report.panels.page_data import TrialPageData, with_caveat
 from strandcast.report.panels.strobe import draw_target, mark_closest
 from strandcast.report.results import FILES, Array, TrialResults
 
@@ -109,7 +109,7 @@ def next_throw(page: TrialPageData) -> PanelContent:
             draw_aims(axes, motion, page.facts, seen)
     _draw_misses(miss_axes, motion, radius_m)
     draw.legend_below(figure, path_axes)
-    finding = with_caveat(page.caveat, expectation(motion))
+    finding = with_caveat(page, expectation(motion))
     return PanelContent(
         finding, draw.Drawing(figure, f"The next throw as predicted. {finding}"), sources=[shown]
     )

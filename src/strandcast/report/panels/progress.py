@@ -43,11 +43,7 @@ def misses(page: ExperimentPageData) -> PanelContent:
     )
     trial_axis(axes.xaxis, axes.set_xlim, summary)
     finding = _finding(summary, counted_mm) + _held(counted_mm, predicted)
-    return PanelContent(
-        finding,
-        draw.Drawing(figure, f"Miss per trial. {finding}"),
-        sources=["summary.json"],
-    )
+    return PanelContent(finding, draw.Drawing(figure, f"Miss per trial. {finding}"), sources=["summary.json"])
 
 
 def evaluations(page: ExperimentPageData) -> PanelContent:
