@@ -10,13 +10,13 @@ from tests.faults.small import NAME, REAL, make_project
 from tests.forked import run_module
 from tests.report.chromium import Browser
 
-from strandcast.cli.throw import Terminal
 from strandcast.errors import ABORTED, LOG_INCOMPLETE, REFUSED, StrandcastError
 from strandcast.executor.preflight import PlayOptions
 from strandcast.stages.context import Context, context_of
 from strandcast.workflow import sitting as room
 from strandcast.workflow import watched_folder
 from strandcast.workflow.sitting import Sitting, hold, put_aside
+from strandcast.workflow.terminal import Terminal
 from strandcast.workflow.watched_folder import PICTURE_FOLDER, Unusable, copy_film, listing, new_files
 
 
@@ -29,7 +29,7 @@ class Typing:
     def forget(self) -> None:
         pass
 
-    def typed(self, within_s: float) -> str | None:
+    def typed(self) -> str | None:
         return self.lines.pop(0) if self.lines else None
 
     def say(self, text: str) -> None:

@@ -23,7 +23,7 @@ from strandcast.cli.film import film
 from strandcast.cli.integrity import verify
 from strandcast.cli.manual import docs, explain
 from strandcast.cli.new import new
-from strandcast.cli.play import EXIT_CODES, play
+from strandcast.cli.play import EXIT_CODES, play, throw
 from strandcast.cli.predict import predict
 from strandcast.cli.rig import rig
 from strandcast.cli.run import RESUMING, run
@@ -31,7 +31,6 @@ from strandcast.cli.simulate import simulate
 from strandcast.cli.stages import campaign, stage_commands, summary
 from strandcast.cli.status import status
 from strandcast.cli.strings import strings
-from strandcast.cli.throw import throw
 from strandcast.cli.together import together
 from strandcast.errors import StrandcastError
 from strandcast.stages import CALLED_BY_NAME

@@ -1,11 +1,13 @@
-"""The command that plays a motion on an arm."""
+"""Commands that move an arm: play, and throw for a sitting at the rig."""
 
+import sys
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
-from strandcast.cli.common import AsJson, show
+from strandcast.cli.common import ROOT, AsJson, ExperimentName, show
+from strandcast.errors import StrandcastError
 
 EXIT_CODES = "Exit codes: docs/how-to/play-on-an-arm.md. All checks: docs/reference/executor.md."
 
@@ -62,3 +64,35 @@ def play(
         result |= {"status": done.status, "rows": done.rows, "rate_hz": done.timing.rate_hz}
         lines = [f"{out}: {done.status}, {done.rows} rows at {done.timing.rate_hz:.0f} Hz"]
     show(as_json, result, lines)
+
+
+def throw(
+    experiment: ExperimentName,
+    move_to_start: MoveToStart = False,
+    settle: Settle = 0.0,
+    accept_soft_realtime: SoftRealtime = False,
+) -> None:
+    """Hold a sitting at the rig: play the next motion, wait for its film, judge it, plan, and again.
+
+    The arm moves only after the short hash of the motion has been typed. After Ctrl-C, the same command
+    goes on.
+    """
+    if not sys.stdin.isatty():
+        raise StrandcastError(
+            "SC-X012",
+            "a sitting needs a keyboard: each motion is confirmed by a person",
+            cost="nothing was sent to the arm",
+            fix="start it in a terminal",
+        )
+    from strandcast.executor.preflight import PlayOptions
+    from strandcast.records.folders import ExperimentFolder
+    from strandcast.stages.context import context_of
+    from strandcast.workflow.sitting import Sitting, hold
+    from strandcast.workflow.terminal import Terminal
+
+    context_of(ROOT, experiment)  # refuses one that does not exist before anything is written
+
+    options = PlayOptions(move_to_start=move_to_start, settle_s=settle, soft_realtime=accept_soft_realtime)
+    person = Terminal(ExperimentFolder(ROOT, experiment).results)
+    typer.echo(f"page that follows: {person.page}")
+    hold(Sitting(ROOT, experiment, options, person))

@@ -17,7 +17,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 from filelock import FileLock, Timeout
 
@@ -44,6 +44,7 @@ from strandcast.stages.run import run_stage
 from strandcast.workflow.display import printable
 from strandcast.workflow.locks import lease, living_owner
 from strandcast.workflow.pending import tasks_of
+from strandcast.workflow.terminal import Terminal
 from strandcast.workflow.watched_folder import (
     PICTURE_FOLDER,
     Unusable,
@@ -56,34 +57,13 @@ from strandcast.workflow.watched_folder import (
 
 RECORD = Path("sitting", "last-throw.json")  # in the results of the experiment
 ASIDE = "aside"  # in its raw files: trials that cannot be used
-# Chosen.
-POLL_S = 0.25
-YES_LASTS_S = 10.0  # after a program that takes longer, a person is asked again before the arm moves
+YES_LASTS_S = 10.0  # after a longer program, a person is asked again before the arm moves; chosen
 LOG_SUFFIXES = (".csv", *BAGS)
 # Film and log are not of the same throw, or one of them does not show it.
 OF_ANOTHER_THROW = ("SC-A007", "SC-A008", "SC-V023")
 MOTION = "motion.json"
 PLANNED = (MOTION, "predicted.parquet")
 CUT_OFF = "the throw was cut off before its log was written, or refused"
-
-
-class Person(Protocol):
-    """The person at the rig: what a sitting asks, and what it shows."""
-
-    def forget(self) -> None:
-        """Drop what was typed before anything was asked."""
-
-    def typed(self, within_s: float) -> str | None:
-        """Return a line that was typed within some time; None: nothing."""
-
-    def say(self, text: str) -> None:
-        """Show a line."""
-
-    def show(self, text: str) -> None:
-        """Show how the sitting stands."""
-
-    def show_pages(self, text: str) -> None:
-        """Show that the pages have changed."""
 
 
 @dataclass(frozen=True)
@@ -93,7 +73,7 @@ class Sitting:
     root: Path
     name: str
     options: PlayOptions
-    person: Person
+    person: Terminal
 
     def context(self) -> Context:
         """Return the experiment as its file is now: it may be corrected within the sitting."""
@@ -189,7 +169,7 @@ def _judged(sitting: Sitting, trial: TrialFolder) -> bool:
         sitting.person.say(str(error))
         sitting.person.forget()
         sitting.person.show(f"trial {trial.number}: correct this and type: again; to put it aside: none")
-        while (typed := sitting.person.typed(POLL_S)) != "again":
+        while (typed := sitting.person.typed()) != "again":
             if typed == "none":
                 raise Unusable(error.what) from error
         return False
@@ -297,7 +277,7 @@ def _places(context: Context, file: Path) -> str:
     return str(file) if given is None else f"{given}, or {file}"
 
 
-def _wait(person: Person, what: str, where: str, there: Callable[[], bool], limit_s: float | None) -> None:
+def _wait(person: Terminal, what: str, where: str, there: Callable[[], bool], limit_s: float | None) -> None:
     """Wait for what a throw leaves, until it is there, the time is over, or the person gives it up."""
     if there():
         return
@@ -305,7 +285,7 @@ def _wait(person: Person, what: str, where: str, there: Callable[[], bool], limi
     person.show(f"waiting for the {what} in {where}; if there is none, type: none")
     end_s = None if limit_s is None else time.monotonic() + limit_s
     while not there():
-        typed = person.typed(POLL_S)
+        typed = person.typed()
         if typed == "none":
             raise Unusable(f"there is no {what}")
         if typed is not None:
@@ -403,14 +383,14 @@ def _write_pages(sitting: Sitting, context: Context) -> None:
     sitting.person.show_pages("the pages are up to date" if code == 0 else f"a page failed: see {log}")
 
 
-def _allowed(person: Person, short_hash: str) -> bool:
+def _allowed(person: Terminal, short_hash: str) -> bool:
     """Ask for a motion's hash until it is typed, or q."""
     person.forget()  # a hash that was typed twice must not move the arm twice
     answer: str | None = ""
     while answer not in (short_hash, "q"):
         if answer is not None:
             person.say(f"type {short_hash} to throw it, or q to end")
-        answer = person.typed(POLL_S)
+        answer = person.typed()
     return answer == short_hash
 
 
