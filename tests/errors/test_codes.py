@@ -1,6 +1,7 @@
 """Every error code is declared once, raised, and documented; what it says stands in one place."""
 
 import ast
+import pickle
 import re
 from collections.abc import Iterator
 from functools import cache
@@ -10,7 +11,7 @@ import pytest
 
 import strandcast
 import strandcast_studies
-from strandcast.errors import StrandcastError
+from strandcast.errors import StrandcastError, StrandcastErrors
 from strandcast.errors.registry import CODES_FILE, general_fixes, merged_codes, read_codes
 from strandcast_studies.errors_page import errors_page
 
@@ -103,3 +104,10 @@ def test_titles_are_unique_and_every_letter_has_a_subject(registry) -> None:
 def test_the_documented_codes_are_current() -> None:
     page = (PROJECT / "docs" / "errors.md").read_text(encoding="utf-8")
     assert page == errors_page(), "run: python -m strandcast_studies.errors_page > docs/errors.md"
+
+
+def test_errors_come_whole_from_another_process() -> None:
+    one = StrandcastError("SC-W021", "there is none", file="a.json", line=3, cost="a minute", exit_code=4)
+    for error in (one, StrandcastErrors([one, one])):
+        copy = pickle.loads(pickle.dumps(error))
+        assert (type(copy), str(copy), copy.exit_code) == (type(error), str(error), 4)

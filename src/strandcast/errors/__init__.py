@@ -114,6 +114,9 @@ class StrandcastErrors(StrandcastError):
         first = problems[0]
         super().__init__(first.code, first.what, file=first.file, exit_code=first.exit_code)
 
+    def __reduce__(self) -> tuple[type, tuple[list[StrandcastError]]]:
+        return StrandcastErrors, (self.problems,)  # pages are rendered in other processes
+
     def message(self, severity: str = "ERROR") -> str:
         """Return all messages, in the order in which the problems were found."""
         return "\n".join(problem.message(severity) for problem in self.problems)

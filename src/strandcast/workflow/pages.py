@@ -5,9 +5,9 @@ import sys
 from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import ExitStack, contextmanager
+from functools import partial
 from multiprocessing import get_context
 from pathlib import Path
-from typing import NamedTuple
 
 from strandcast.errors import StrandcastError
 from strandcast.records.folders import ExperimentFolder, trial_folders
@@ -15,27 +15,11 @@ from strandcast.stages.run import run_stage
 from strandcast.workflow.locks import lease
 
 SCORED = ("verdict.json", "track.json", "report.html")  # a trial that has one of these has a page
+Page = tuple[str, int]  # experiment and trial; trial 0: the page of the experiment
+Mapping = Callable[..., Iterator[StrandcastError | None]]
 
 
-class PageJob(NamedTuple):
-    """One page: a trial's, or for trial 0, the experiment's."""
-
-    root: Path
-    experiment: str
-    trial: int = 0
-
-
-class PageProblem(NamedTuple):
-    """What is wrong with a page, e.g. which results could not be read."""
-
-    exit_code: int
-    text: str
-
-
-Mapping = Callable[[Callable[[PageJob], PageProblem | None], list[PageJob]], Iterator[PageProblem | None]]
-
-
-def render_pages(root: Path, names: list[str], cores: int) -> list[PageProblem]:
+def render_pages(root: Path, names: list[str], cores: int) -> list[StrandcastError]:
     """Render the pages of trials, then those of experiments, on some cores; return what is wrong with them.
 
     An experiment without a page is left to a run, which would take a new page for a finished one.
@@ -44,13 +28,13 @@ def render_pages(root: Path, names: list[str], cores: int) -> list[PageProblem]:
     for name in sorted({*names} - {*made}):
         print(f"{name} has no page yet; make it: strandcast run {name}", file=sys.stderr, flush=True)
     names = made
-    trials = [PageJob(root, name, number) for name in names for number in _with_results(root, name)]
+    trials = [(name, number) for name in names for number in _with_results(root, name)]
     with ExitStack() as stack:
         for name in names:
             stack.enter_context(lease(root, name))
         mapped = stack.enter_context(_mapping_on(cores))
-        problems = _rendered(mapped, trials)
-        return [*problems, *_rendered(mapped, [PageJob(root, name) for name in names])]
+        problems = _rendered(mapped, root, trials)
+        return [*problems, *_rendered(mapped, root, [(name, 0) for name in names])]
 
 
 @contextmanager
@@ -73,25 +57,25 @@ def _leave_signals() -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the process that started this one ends it
 
 
-def _rendered(mapped: Mapping, jobs: list[PageJob]) -> list[PageProblem]:
-    problems: list[PageProblem] = []
-    for done, problem in enumerate(mapped(render_page, jobs), 1):
+def _rendered(mapped: Mapping, root: Path, pages: list[Page]) -> list[StrandcastError]:
+    problems: list[StrandcastError] = []
+    for done, problem in enumerate(mapped(partial(render_page, root), pages), 1):
         problems += [problem] if problem is not None else []
-        if done % 50 == 0 or done == len(jobs):
-            what = "pages of trials" if jobs[0].trial else "pages of experiments"
-            print(f"{done} of {len(jobs)} {what}", file=sys.stderr, flush=True)
+        if done % 50 == 0 or done == len(pages):
+            what = "pages of trials" if pages[0][1] else "pages of experiments"
+            print(f"{done} of {len(pages)} {what}", file=sys.stderr, flush=True)
     return problems
 
 
-def render_page(job: PageJob) -> PageProblem | None:
-    """Render one page; return what its stage says about it."""
-    root, name, trial = job
+def render_page(root: Path, page: Page) -> StrandcastError | None:
+    """Render one page; return what is wrong with it, e.g. which results could not be read."""
+    name, trial = page
     stage = "report" if trial else "summary"
     numbers = () if trial else ExperimentFolder(root, name).reported_trials()
     try:
         run_stage(stage, root, name, trial, numbers)
     except StrandcastError as problem:
-        return PageProblem(problem.exit_code, str(problem))
+        return problem
     return None
 
 

@@ -23,7 +23,7 @@ from strandcast.workflow.display import Display, display_for
 from strandcast.workflow.engine import compiling_ahead, run_snakemake
 from strandcast.workflow.events import RunState, StageRun, past_durations
 from strandcast.workflow.host import check_host
-from strandcast.workflow.pages import PageJob, render_page, render_pages
+from strandcast.workflow.pages import render_page, render_pages
 from strandcast.workflow.pending import changed_raw_files, lost_results
 from strandcast.workflow.project import DEFAULT_PROFILE, executor_of, profile
 from strandcast.workflow.slurm import SLURM, require_slurm, status_options
@@ -166,7 +166,7 @@ def run_experiments(root: Path, experiments: list[str], options: RunOptions) -> 
 def _render_again(root: Path, names: list[str], cores: int, refused: list[StrandcastError]) -> RunResult:
     problems = render_pages(root, names, cores)
     for problem in problems:
-        print(problem.text, file=sys.stderr, flush=True)
+        print(problem, file=sys.stderr, flush=True)
     codes = [0, *(each.exit_code for each in refused), *(each.exit_code for each in problems)]
     return RunResult(max(codes), [], [], {}, [], refused, write_campaign(root))
 
@@ -186,7 +186,7 @@ def _report_damage(root: Path, experiment: str, damaged: list[Finding], dry_run:
     """Print what is damaged, and make the pages again that show it."""
     trials = [] if dry_run else ExperimentFolder(root, experiment).reported_trials()
     for trial in [*trials, 0] if trials else []:
-        render_page(PageJob(root, experiment, trial))  # what it says is printed below
+        render_page(root, (experiment, trial))  # what it says is printed below
     for finding in damaged:
         print(f"{finding.file}: {finding.what}\n        Fix: {finding.fix}", file=sys.stderr)
     print(f"{experiment}: not run, because of the files above; its pages say so", file=sys.stderr)
