@@ -86,7 +86,7 @@ def test_row64_a_read_only_folder_is_named(tmp_path: Path) -> None:
     assert f"SC-W002 ERROR  {tmp_path}/a/b.json: cannot be written (Read-only file system)" in found
 
 
-CHECK = "from strandcast.workflow.host import check_host\ncheck_host(Path({!r}), ['a'])\nprint('ready')"
+CHECK = "from strandcast.workflow.doctor import check_host\ncheck_host(Path({!r}), ['a'])\nprint('ready')"
 
 
 def test_row55_without_any_folder_to_write_to_strandcast_can_be_imported() -> None:

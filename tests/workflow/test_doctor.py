@@ -41,6 +41,12 @@ def test_closed_shared_memory_is_no_problem(monkeypatch, tmp_path):
     assert "--report-only uses one core" in found.fix
 
 
+def test_a_sound_computer_is_accepted_before_a_run(tmp_path):
+    (tmp_path / "results" / "a").mkdir(parents=True)
+    doctor.check_host(tmp_path, ["a", "not-begun"])
+    assert not (tmp_path / "results" / "not-begun").exists()
+
+
 def test_a_codec_that_does_not_decode_is_a_problem(monkeypatch, tmp_path):
     monkeypatch.setattr(self_test, "_encoded", lambda clip, levels: b"no video")
     found = list(doctor._codecs(tmp_path))

@@ -1,4 +1,4 @@
-"""Whether this computer can run strandcast: what it offers, and a fix for each problem."""
+"""Whether this computer can run strandcast: what it offers, a fix for each problem, and room for a run."""
 
 import ctypes
 import importlib
@@ -10,7 +10,7 @@ import resource
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Literal, NamedTuple
@@ -26,13 +26,14 @@ from strandcast.packages import (
     reinstall,
     requirement_name,
 )
-from strandcast.records.files import existing_folder, free_bytes, in_bytes
-from strandcast.records.folders import is_project
-from strandcast.workflow.host import LEAST_FREE_BYTES, SCRATCH_BYTES
+from strandcast.records.files import check_room, existing_folder, free_bytes, in_bytes
+from strandcast.records.folders import ExperimentFolder, is_project
 
 PYTHONS = ((3, 11), (3, 14))  # the first that works, and the first that is not tested
 NEED_BYTES = 1 << 30  # memory of the largest stage
 ROOMY_BYTES = 3 << 30  # memory of the largest stage and the others that run beside it
+SCRATCH_BYTES = 400_000_000  # the frames of a trial of the demo, while it is tracked: 300 MB
+LEAST_FREE_BYTES = 150_000_000  # a trial of the demo: a film of 45 MB, twice while it is written, and results
 TIME_ERROR = 5  # of adjtimex: no time server sets this clock
 TIMEX_BYTES = 512  # more than any struct timex
 DRIVERS = {
@@ -53,6 +54,19 @@ class Diagnosis(NamedTuple):
     fix: str | None = None
 
 
+def check_host(root: Path, experiments: Iterable[str]) -> None:
+    """Refuse to start a workflow that this computer could not finish.
+
+    Raises
+    ------
+    StrandcastError
+        SC-R041 the disk is full; SC-W002 results cannot be written.
+    """
+    results = (ExperimentFolder(root, name).results for name in experiments)
+    for place in (root / ".snakemake", *results):
+        check_room(place, LEAST_FREE_BYTES)
+
+
 def diagnose(root: Path) -> list[Diagnosis]:
     """Examine the environment; a check that fails in an unexpected way is a problem itself."""
     found: list[Diagnosis] = []
@@ -66,12 +80,15 @@ def diagnose(root: Path) -> list[Diagnosis]:
     return found
 
 
+def _diagnosis(name: str, state: State, found: str, fix: str | None) -> Diagnosis:
+    """Return what was found, with the fix if it is not fine."""
+    return Diagnosis(name, state, found, None if state == "ok" else fix)
+
+
 def _python(root: Path) -> Iterator[Diagnosis]:
     here = f"{platform.python_version()} at {sys.executable}, {platform.platform()}"
-    if PYTHONS[0] <= sys.version_info[:2] < PYTHONS[1]:
-        yield Diagnosis("python", "ok", here)
-    else:
-        yield Diagnosis("python", "problem", here, "install strandcast with Python 3.11, 3.12 or 3.13")
+    state: State = "ok" if PYTHONS[0] <= sys.version_info[:2] < PYTHONS[1] else "problem"
+    yield _diagnosis("python", state, here, "install strandcast with Python 3.11, 3.12 or 3.13")
 
 
 def _packages(root: Path) -> Iterator[Diagnosis]:
@@ -129,20 +146,16 @@ def _codecs(root: Path) -> Iterator[Diagnosis]:
     from strandcast.video.self_test import CLIPS, decode_problem
 
     for codec in CLIPS:
-        problem = decode_problem(codec)
-        if problem is None:
-            yield Diagnosis(f"codec {codec}", "ok", "a clip was decoded")
-        else:
-            yield Diagnosis(
-                f"codec {codec}", "problem", problem, "install PyAV again: pip install --force av"
-            )
+        problem, fix = decode_problem(codec), "install PyAV again: pip install --force av"
+        state: State = "ok" if problem is None else "problem"
+        yield _diagnosis(f"codec {codec}", state, problem or "a clip was decoded", fix)
 
 
 def _cores(root: Path) -> Iterator[Diagnosis]:
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     words = f"{cores} for this process, of {os.cpu_count()}"
     few = "runs take about twice as long; allow two cores, and use --cores 1 if there is one"
-    yield Diagnosis("cores", "ok" if cores > 1 else "note", words, None if cores > 1 else few)
+    yield _diagnosis("cores", "ok" if cores > 1 else "note", words, few)
 
 
 def _memory(root: Path) -> Iterator[Diagnosis]:
@@ -152,9 +165,7 @@ def _memory(root: Path) -> Iterator[Diagnosis]:
         return
     fix = "end other programs, allow more (`ulimit -v`, the container's limit), or use --jobs 1"
     state: State = "problem" if free < NEED_BYTES else "note" if free < ROOMY_BYTES else "ok"
-    yield Diagnosis(
-        "memory", state, f"{in_bytes(free)} free for this process", None if state == "ok" else fix
-    )
+    yield _diagnosis("memory", state, f"{in_bytes(free)} free for this process", fix)
 
 
 def _free_memory() -> int | None:
@@ -179,15 +190,12 @@ def _disk(root: Path) -> Iterator[Diagnosis]:
     }
     for name, (place, least) in places.items():
         free, folder = free_bytes(place), existing_folder(place)
+        state: State = "problem" if free < least else "ok"
+        found = f"{in_bytes(free)} free at {folder}"
+        fix = f"free {in_bytes(least)} or more; one trial's video and results need that"
         if not os.access(folder, os.W_OK):
-            yield Diagnosis(
-                f"disk, {name}", "problem", f"{folder} cannot be written", "change its permissions"
-            )
-        elif free < least:
-            fix = f"free {in_bytes(least)} or more; one trial's video and results need that"
-            yield Diagnosis(f"disk, {name}", "problem", f"{in_bytes(free)} free at {folder}", fix)
-        else:
-            yield Diagnosis(f"disk, {name}", "ok", f"{in_bytes(free)} free at {folder}")
+            state, found, fix = "problem", f"{folder} cannot be written", "change its permissions"
+        yield _diagnosis(f"disk, {name}", state, found, fix)
 
 
 def _shared_memory(root: Path) -> Iterator[Diagnosis]:
@@ -203,18 +211,16 @@ def _shared_memory(root: Path) -> Iterator[Diagnosis]:
 
 def _clock(root: Path) -> Iterator[Diagnosis]:
     step_s = time.get_clock_info("monotonic").resolution
-    coarse = step_s > 1e-6
     fix = "joint logs need a clock with steps below 1 µs: use a real computer, not this virtual one"
-    state: State = "note" if coarse else "ok"
-    yield Diagnosis("clock", state, f"monotonic, in steps of {step_s * 1e9:g} ns", fix if coarse else None)
+    state: State = "note" if step_s > 1e-6 else "ok"
+    yield _diagnosis("clock", state, f"monotonic, in steps of {step_s * 1e9:g} ns", fix)
     set_by_server = _is_synchronised()
     if set_by_server is None:
         yield Diagnosis("clock, date", "note", "whether a time server sets it is not known")
-    elif set_by_server:
-        yield Diagnosis("clock, date", "ok", "set by a time server")
-    else:
-        fix = "turn on NTP (`timedatectl set-ntp true`), so that files of several computers keep their order"
-        yield Diagnosis("clock, date", "note", "no time server sets it", fix)
+        return
+    fix = "turn on NTP (`timedatectl set-ntp true`), so that files of several computers keep their order"
+    found = "set by a time server" if set_by_server else "no time server sets it"
+    yield _diagnosis("clock, date", "ok" if set_by_server else "note", found, fix)
 
 
 def _is_synchronised() -> bool | None:
@@ -233,22 +239,15 @@ def _kernels(root: Path) -> Iterator[Diagnosis]:
         fix = "set TMPDIR or NUMBA_CACHE_DIR to a folder that can be written"
         yield Diagnosis("kernels", "problem", f"compiled code cannot be kept at {folder}", fix)
         return
-    modules = {path.with_suffix("").relative_to(PACKAGE) for path in PACKAGE.rglob("*.py") if _is_kept(path)}
+    kept = (path for path in PACKAGE.rglob("*.py") if b"cache=True" in path.read_bytes())
+    modules = {path.with_suffix("").relative_to(PACKAGE) for path in kept}
     indices = list(folder.rglob("*.nbi"))  # one per kernel
     compiled = {path.relative_to(folder).parent / path.name.partition(".")[0] for path in indices}
     left = len(modules - compiled)
     size = sum(path.stat().st_size for path in folder.rglob("*") if path.is_file())
     place = f"{len(indices)} compiled, {in_bytes(size)} at {folder}"
-    if not left:
-        yield Diagnosis("kernels", "ok", place)
-        return
-    more = f"{left} of {len(modules)} modules have none yet, and are compiled when first used, once"
-    yield Diagnosis("kernels", "note", f"{place}; {more}")
-
-
-def _is_kept(path: Path) -> bool:
-    """Return whether a file has kernels with cached machine code."""
-    return b"cache=True" in path.read_bytes()
+    more = f"; {left} of {len(modules)} modules have none yet, and are compiled when first used, once"
+    yield Diagnosis("kernels", "note" if left else "ok", f"{place}{more if left else ''}")
 
 
 def _drivers(root: Path) -> Iterator[Diagnosis]:
@@ -286,11 +285,9 @@ def _real_time(root: Path) -> Iterator[Diagnosis]:
 
 
 def _project(root: Path) -> Iterator[Diagnosis]:
-    if is_project(root):
-        yield Diagnosis("project", "ok", str(root.resolve()))
-    else:
-        fix = "change to a project's folder, or make one: strandcast new mylab"
-        yield Diagnosis("project", "note", "this folder is in no project", fix)
+    found = str(root.resolve()) if is_project(root) else "this folder is in no project"
+    fix = "change to a project's folder, or make one: strandcast new mylab"
+    yield _diagnosis("project", "ok" if is_project(root) else "note", found, fix)
 
 
 CHECKS: tuple[Callable[[Path], Iterator[Diagnosis]], ...] = (

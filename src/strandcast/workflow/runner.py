@@ -20,9 +20,9 @@ from strandcast.stages.producers import recording_advice, to_correct_first
 from strandcast.workflow.campaign import write_campaign
 from strandcast.workflow.check import runnable, unlogged_trials
 from strandcast.workflow.display import Display, display_for
+from strandcast.workflow.doctor import check_host
 from strandcast.workflow.engine import compiling_ahead, run_snakemake
 from strandcast.workflow.events import RunState, StageRun, past_durations
-from strandcast.workflow.host import check_host
 from strandcast.workflow.pages import render_page, render_pages
 from strandcast.workflow.pending import changed_raw_files, lost_results
 from strandcast.workflow.project import DEFAULT_PROFILE, executor_of, profile
