@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 import typer
 
-from strandcast.cli import doctor as command
+from strandcast.cli import checks as command
 from strandcast.video import self_test
 from strandcast.workflow import doctor
 from strandcast.workflow.project import make_project

@@ -13,25 +13,18 @@ from typer.core import TyperArgument, TyperCommand, TyperGroup
 from typer.exceptions import TyperException
 
 from strandcast import __version__
-from strandcast.cli.checks import boards, check, preview
-from strandcast.cli.compare import compare
-from strandcast.cli.doctor import doctor
+from strandcast.cli.checks import boards, check, doctor, new, preview, verify
 from strandcast.cli.exchange import export_motion, import_joints, import_track, import_views
 from strandcast.cli.exclusions import exclude, include
 from strandcast.cli.exports import EXPORTS
 from strandcast.cli.film import film
-from strandcast.cli.integrity import verify
 from strandcast.cli.manual import docs, explain
-from strandcast.cli.new import new
 from strandcast.cli.play import EXIT_CODES, play, throw
-from strandcast.cli.predict import predict
-from strandcast.cli.rig import rig
+from strandcast.cli.results import compare, predict, rig, strings, together
 from strandcast.cli.run import RESUMING, run
 from strandcast.cli.simulate import simulate
 from strandcast.cli.stages import campaign, stage_commands, summary
 from strandcast.cli.status import status
-from strandcast.cli.strings import strings
-from strandcast.cli.together import together
 from strandcast.errors import StrandcastError
 from strandcast.stages import CALLED_BY_NAME
 

@@ -1,4 +1,4 @@
-"""Commands that check, preview or print before anything runs: check, boards, preview."""
+"""Commands that set up and check: new, doctor, check, boards, preview, verify."""
 
 import shlex
 from pathlib import Path
@@ -7,8 +7,47 @@ from typing import Annotated
 import typer
 
 from strandcast.cli.common import ROOT, AsJson, ExperimentName, Experiments, TrialNumber, show
-from strandcast.errors import REFUSED, StrandcastError, single
+from strandcast.errors import ENVIRONMENT, INTEGRITY, REFUSED, StrandcastError, single
 from strandcast.records.folders import ExperimentFolder
+
+SHAPES = {"ok": "✓", "note": "·", "problem": "✕"}  # of what `doctor` finds
+
+
+def new(
+    folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="The project's folder, to be made.")],
+    as_json: AsJson = False,
+) -> None:
+    """Make a project: a folder with an example arm, the demo experiment and a Snakefile."""
+    from strandcast.workflow.project import make_project
+
+    files = make_project(folder)
+    lines = [
+        f"{folder}: {len(files)} files",
+        "next:",
+        f"  cd {shlex.quote(str(folder))}",
+        "  strandcast run demo",
+    ]
+    show(as_json, {"folder": folder, "files": files}, lines)
+
+
+def doctor(as_json: AsJson = False) -> None:
+    """Examine this computer: packages, codecs, cores, memory, disk, clock, compiled kernels, drivers.
+
+    Ends with 3 if a problem would stop a run, else with 0; each problem comes with its fix.
+    """
+    from strandcast.workflow.doctor import diagnose
+
+    found = diagnose(ROOT)
+    problems = sum(each.state == "problem" for each in found)
+    lines = []
+    for each in found:
+        lines.append(f"{SHAPES[each.state]} {each.name:22} {each.found}")
+        lines += [f"  {'':22} Fix: {each.fix}"] if each.fix and each.state == "problem" else []
+        lines += [f"  {'':22} {each.fix}"] if each.fix and each.state == "note" else []
+    counted = "1 problem" if problems == 1 else f"{problems} problems"
+    lines.append(counted if problems else "strandcast can run here")
+    show(as_json, {"problems": problems, "checks": [each._asdict() for each in found]}, lines)
+    raise typer.Exit(ENVIRONMENT if problems else 0)
 
 
 def check(
@@ -83,3 +122,28 @@ def preview(experiment: ExperimentName, trial: TrialNumber, as_json: AsJson = Fa
     lines = stage.run(ROOT, experiment, trial)
     found = {"experiment": experiment, "trial": trial, "findings": lines[1:-1], "picture": lines[-1]}
     show(as_json, found, lines)
+
+
+def verify(experiments: Experiments = None, as_json: AsJson = False) -> None:
+    """Check that raw files and results are as they were recorded and made, and lie where they belong.
+
+    Lists what differs and ends with 4, else with 0. Other versions of libraries are no fault.
+    """
+    from strandcast.config.find import find_experiment
+    from strandcast.workflow.targets import default_experiments
+    from strandcast.workflow.verify import verify as verify_experiment
+
+    names = experiments or default_experiments(ROOT)
+    for name in names:
+        find_experiment(name, ROOT)
+    findings = [finding for name in names for finding in verify_experiment(ROOT, name)]
+    faults = sum(finding.state != "versions" for finding in findings)
+    lines = [
+        f"{each.state:9}  {each.file}: {each.what}" + (f"\n{'':11}Fix: {each.fix}" if each.fix else "")
+        for each in findings
+    ]
+    files = "1 file differs" if faults == 1 else f"{faults} files differ"
+    lines.append(f"{', '.join(names)}: {files if faults else 'all files are as made'}")
+    found = [each._asdict() for each in findings]
+    show(as_json, {"experiments": names, "faults": faults, "findings": found}, lines)
+    raise typer.Exit(INTEGRITY if faults else 0)

@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from strandcast.cli.common import ROOT, AsJson, Experiments, show
-from strandcast.cli.integrity import remove_leases
 from strandcast.workflow.project import DEFAULT_PROFILE
 
 if TYPE_CHECKING:
@@ -63,7 +62,7 @@ def run(
     if unlock:
         if not experiments:
             raise typer.BadParameter("name the experiments", param_hint="--unlock")
-        remove_leases(experiments, as_json)
+        _remove_leases(experiments, as_json)
         return
     if jobs is not None and cores is not None and jobs > cores:
         raise typer.BadParameter(f"{jobs} jobs need at least {jobs} cores", param_hint="--jobs")
@@ -79,6 +78,17 @@ def run(
         lines += campaign_line(done)
     show(as_json, as_data(done), lines)
     raise typer.Exit(done.exit_code)
+
+
+def _remove_leases(experiments: list[str], as_json: bool) -> None:
+    """Remove the leases of runs that were killed; refused while such a run lives."""
+    from strandcast.config.find import find_experiment
+    from strandcast.workflow.locks import unlock
+
+    for name in experiments:
+        find_experiment(name, ROOT)
+    found = {name: unlock(ROOT, name) for name in experiments}
+    show(as_json, {"experiments": found}, found.values())
 
 
 def as_data(done: "RunResult") -> dict[str, object]:
