@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Annotated, Literal
 
 from pydantic import Field, field_validator, model_validator
@@ -149,29 +150,36 @@ class Experiment(Section):
         return value
 
     @model_validator(mode="after")
-    def _min_trials_not_above_max_trials(self) -> Experiment:
+    def _settings_fit_each_other(self) -> Experiment:
+        for conflict in self._conflicts():
+            raise conflict
+        return self
+
+    def _conflicts(self) -> Iterator[Conflict]:
+        """Yield what contradicts each other; each check may rely on those before it."""
         if self.min_trials > self.max_trials:
-            raise Conflict(
-                f"min_trials ({self.min_trials}) is above max_trials ({self.max_trials})",
-                "min_trials",
-                "raise max_trials, or lower it",
-            )
-        return self
-
-    @model_validator(mode="after")
-    def _lab_and_objective_have_a_target(self) -> Experiment:
+            what = f"min_trials ({self.min_trials}) is above max_trials ({self.max_trials})"
+            yield Conflict(what, "min_trials", "raise max_trials, or lower it")
         if self.target_m is None and (self.lab is not None or self.objective != PointObjective()):
-            raise Conflict(
-                f"{'the lab' if self.lab is not None else 'the objective'} needs a target",
-                "target_m",
-                "add target_m: [x, y], or [x, y, z] for an arm in space",
-            )
-        return self
+            what = f"{'the lab' if self.lab is not None else 'the objective'} needs a target"
+            yield Conflict(what, "target_m", "add target_m: [x, y], or [x, y, z] for an arm in space")
+        if self.aims_in_space:
+            yield from self._conflicts_in_space()
+        if self.workspace_m is not None:
+            yield from self._conflicts_with_workspace(self.workspace_m)
+        length_m = self.string.length_m
+        beyond = [along_m for along_m in self.objective.along_m if along_m > length_m + 1e-9]
+        if beyond:
+            what = f"the {self.objective.kind}'s place at {beyond[0]} m lies beyond the string's {length_m} m"
+            yield Conflict(what, "objective", "give along_m from the hand, up to string.length_m")
+        named = {(c.lens, c.plane_photo) for c in self.cameras.values()}
+        if self.lab is not None and named != {(LENS, PLANE_PHOTO)}:
+            what = f"the lab writes {LENS} and {PLANE_PHOTO}"
+            yield Conflict(what, "cameras", "leave lens and plane_photo out")
 
-    @model_validator(mode="after")
-    def _what_works_in_the_plane_only_has_a_target_there(self) -> Experiment:
-        if not self.aims_in_space:
-            return self
+    def _conflicts_in_space(self) -> Iterator[Conflict]:
+        """Yield the settings that only throws in the plane have, or only those that are filmed."""
+        fix = "leave it out, or give a target with x and y"
         given = {
             "method": ("the paper's method works", self.method is not None),
             "objective": ("this objective is defined", self.objective != PointObjective()),
@@ -183,58 +191,18 @@ class Experiment(Section):
         }
         for field, (what, is_given) in given.items():
             if is_given:
-                fix = "leave it out, or give a target with x and y"
-                raise Conflict(f"{what} in the plane, and the target has x, y and z", field, fix)
-        return self
-
-    @model_validator(mode="after")
-    def _only_throws_in_the_plane_are_filmed(self) -> Experiment:
+                yield Conflict(f"{what} in the plane, and the target has x, y and z", field, fix)
         of_lab = set() if self.lab is None else {f"lab.{name}" for name in self.lab.model_fields_set}
         filmed = {"align", "cameras", "lab.camera", "track"}
-        given = sorted(filmed & (self.model_fields_set | of_lab))
-        if self.aims_in_space and given:
-            raise Conflict(
-                "it is for videos, and a throw in space is measured by motion capture",
-                given[0],
-                "leave it out, or give a target with x and y",
-            )
-        return self
+        for field in sorted(filmed & (self.model_fields_set | of_lab)):
+            yield Conflict("it is for videos, and a throw in space is measured by motion capture", field, fix)
 
-    @model_validator(mode="after")
-    def _target_in_workspace(self) -> Experiment:
-        box = self.workspace_m
-        if box is not None and self.target_m is not None:
-            for value, (low, high), axis in zip(self.target_m, (box.x_m, box.y_m), "xy", strict=True):
-                if not low <= value <= high:
-                    raise Conflict(
-                        f"the target's {axis}, {value} m, lies outside workspace_m, {low} to {high} m",
-                        "target_m",
-                        "move the target, or widen workspace_m if there is free space",
-                    )
-        return self
-
-    @model_validator(mode="after")
-    def _the_objectives_places_lie_on_the_string(self) -> Experiment:
-        length_m = self.string.length_m
-        beyond = [along_m for along_m in self.objective.along_m if along_m > length_m + 1e-9]
-        if beyond:
-            raise Conflict(
-                f"the {self.objective.kind}'s place at {beyond[0]} m lies beyond the string's {length_m} m",
-                "objective",
-                "give along_m from the hand, up to string.length_m",
-            )
-        return self
-
-    @model_validator(mode="after")
-    def _lab_uses_default_photo_names(self) -> Experiment:
-        named = {(c.lens, c.plane_photo) for c in self.cameras.values()}
-        if self.lab is not None and named != {(LENS, PLANE_PHOTO)}:
-            raise Conflict(
-                f"the lab writes {LENS} and {PLANE_PHOTO}",
-                "cameras",
-                "leave lens and plane_photo out",
-            )
-        return self
+    def _conflicts_with_workspace(self, box: Box) -> Iterator[Conflict]:
+        for value, (low, high), axis in zip(self.target_m or (), (box.x_m, box.y_m), "xy", strict=False):
+            if not low <= value <= high:
+                what = f"the target's {axis}, {value} m, lies outside workspace_m, {low} to {high} m"
+                fix = "move the target, or widen workspace_m if there is free space"
+                yield Conflict(what, "target_m", fix)
 
     @property
     def aims_in_space(self) -> bool:
