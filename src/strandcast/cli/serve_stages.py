@@ -11,6 +11,7 @@ import ctypes
 import gc
 import os
 import select
+import selectors
 import signal
 import socket
 import struct
@@ -55,13 +56,6 @@ class StageRequest(NamedTuple):
     streams: list[int]
 
 
-class ForkedJob(NamedTuple):
-    """A command that runs: its process, and the connection to its client."""
-
-    pid: int
-    connection: socket.socket
-
-
 class StageServer:
     """Accepts requests, forks, passes signals on, and reports how the forks have ended.
 
@@ -70,12 +64,11 @@ class StageServer:
 
     def __init__(self, listener: socket.socket) -> None:
         self.listener: socket.socket | None = listener
-        self.jobs: dict[int, ForkedJob] = {}  # by the connection's descriptor
+        self.jobs: dict[socket.socket, int] = {}  # the connection to a client, and the fork that serves it
         self.received: set[int] = set()
         # With which this process was started: importing this package adds to it.
         self.environment = _as_environment(Path("/proc/self/environ").read_bytes().split(b"\0"))
         self.folder = str(Path.cwd())
-        self.poll = select.poll()
         self.dispositions = {number: signal.getsignal(number) for number in ENDING_SIGNALS}
         for number, before in self.dispositions.items():
             if before is not signal.SIG_IGN:
@@ -83,8 +76,13 @@ class StageServer:
         self.wakes, wakeup = os.pipe2(os.O_NONBLOCK | os.O_CLOEXEC)
         signal.signal(signal.SIGCHLD, lambda *_: None)
         signal.set_wakeup_fd(wakeup, warn_on_full_buffer=False)
-        for descriptor in (PARENT, listener.fileno(), self.wakes):
-            self.poll.register(descriptor, select.POLLIN)
+        self.inputs = selectors.PollSelector()
+        self._read(PARENT, self._stop_listening)
+        self._read(listener, self._accept)
+        self._read(self.wakes, lambda: os.read(self.wakes, select.PIPE_BUF))
+
+    def _read(self, file: int | socket.socket, handle: Callable[[], object]) -> None:
+        self.inputs.register(file, selectors.EVENT_READ, handle)
 
     def _note(self, number: int, frame: FrameType | None) -> None:
         self.received.add(number)
@@ -92,28 +90,23 @@ class StageServer:
     def serve(self) -> None:
         """Run commands until Snakemake has ended, or a signal has come, and the last fork has ended."""
         while self.listener is not None or self.jobs:
-            for descriptor, _ in self.poll.poll():
-                if descriptor in self.jobs:
-                    self._heed(self.jobs[descriptor])
-                elif descriptor == self.wakes:
-                    os.read(self.wakes, select.PIPE_BUF)
-                elif descriptor == PARENT:
-                    self._stop_listening()
-                elif self.listener is not None:
-                    self._accept(self.listener)
+            for key, _ in self.inputs.select():
+                key.data()
             if self.received:
                 self._stop_listening()
             self._reap()
 
     def _stop_listening(self) -> None:
         if self.listener is not None:
-            for descriptor in (PARENT, self.listener.fileno()):
-                self.poll.unregister(descriptor)
+            for file in (PARENT, self.listener):
+                self.inputs.unregister(file)
             self.listener.close()
             self.listener = None
 
-    def _accept(self, listener: socket.socket) -> None:
-        connection, _ = listener.accept()
+    def _accept(self) -> None:
+        if self.listener is None:  # closed since both were found to be readable
+            return
+        connection, _ = self.listener.accept()
         connection.settimeout(PATIENCE_S)
         streams: list[int] = []
         try:
@@ -126,7 +119,7 @@ class StageServer:
             signal.pthread_sigmask(signal.SIG_UNBLOCK, ENDING_SIGNALS)
             for stream in streams:
                 os.close(stream)
-            if connection.fileno() not in self.jobs:
+            if connection not in self.jobs:
                 connection.close()
 
     def _can_run(self, request: StageRequest) -> bool:
@@ -145,8 +138,8 @@ class StageServer:
         pid = os.fork()
         if not pid:
             _run(request, partial(self._become_job, server))
-        self.jobs[connection.fileno()] = ForkedJob(pid, connection)
-        self.poll.register(connection, select.POLLIN)
+        self.jobs[connection] = pid
+        self._read(connection, partial(self._heed, connection, pid))
 
     def _become_job(self, server: int) -> None:
         """Give back what the fork has of the server, but not its connection: it ends when the fork ends."""
@@ -160,33 +153,33 @@ class StageServer:
         signal.pthread_sigmask(signal.SIG_UNBLOCK, ENDING_SIGNALS)
         if self.listener is not None:
             self.listener.close()
-        for job in self.jobs.values():
-            job.connection.close()
+        for connection in self.jobs:
+            connection.close()
 
-    def _heed(self, job: ForkedJob) -> None:
+    def _heed(self, connection: socket.socket, pid: int) -> None:
         """Pass a client's signals on to its fork; kill the fork if its client was killed."""
         try:
-            numbers = job.connection.recv(1)
+            numbers = connection.recv(1)
         except OSError:
             numbers = b""
         if not numbers:
-            os.kill(job.pid, signal.SIGKILL)
-            self.poll.unregister(job.connection)
+            os.kill(pid, signal.SIGKILL)
+            self.inputs.unregister(connection)
         elif numbers[0] not in self.received:
-            os.kill(job.pid, numbers[0])
+            os.kill(pid, numbers[0])
 
     def _reap(self) -> None:
         """Report forks that have ended to their clients."""
-        for descriptor, job in list(self.jobs.items()):
-            pid, status = os.waitpid(job.pid, os.WNOHANG)
-            if pid:
+        for connection, pid in list(self.jobs.items()):
+            ended, status = os.waitpid(pid, os.WNOHANG)
+            if ended:
                 code = os.waitstatus_to_exitcode(status)
                 with suppress(OSError):
-                    job.connection.sendall(code.to_bytes(NUMBER_BYTES, sys.byteorder, signed=True))
+                    connection.sendall(code.to_bytes(NUMBER_BYTES, sys.byteorder, signed=True))
                 with suppress(KeyError):  # its client was killed
-                    self.poll.unregister(job.connection)
-                del self.jobs[descriptor]
-                job.connection.close()
+                    self.inputs.unregister(connection)
+                del self.jobs[connection]
+                connection.close()
 
 
 def _as_environment(items: list[bytes]) -> dict[str, str]:
