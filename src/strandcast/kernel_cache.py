@@ -94,25 +94,24 @@ def _written(folder: str | Path) -> Iterator[str]:
 def _hashed() -> str:
     import hashlib
 
-    from strandcast.source_code import source_cache
+    from strandcast.source_code import code_of, file_of, save_codes
 
-    code = source_cache()
     kernels = {path for path in PACKAGE.rglob("*.py") if MARK in path.read_bytes()}
-    constants = {file for path in kernels for file in _constants_of(code.code_of(path).imports)}
+    modules = {module for path in kernels for module in _modules_of_constants(code_of(path).imports)}
+    constants = {path for module in modules if (path := file_of(module)) is not None}
     digest = hashlib.sha256()
     for path in sorted(kernels | constants):
-        digest.update(f"{path.relative_to(PACKAGE)}\0{code.code_of(path).sha256}".encode())
-    code.save()
+        digest.update(f"{path.relative_to(PACKAGE)}\0{code_of(path).sha256}".encode())
+    save_codes()
     return digest.hexdigest()
 
 
-def _constants_of(imports: tuple[str, ...]) -> Iterator[Path]:
-    """Yield the files of this package from which constants are imported."""
+def _modules_of_constants(imports: tuple[str, ...]) -> Iterator[str]:
+    """Yield the modules of this package from which constants are imported."""
     for name in imports:
         module, _, constant = name.rpartition(".")
         if module.startswith(f"{PACKAGE.name}.") and constant.isupper():
-            stem = PACKAGE.parent.joinpath(*module.split("."))
-            yield from (path for path in (stem.with_suffix(".py"), stem / "__init__.py") if path.is_file())
+            yield module
 
 
 def _writable_folder() -> Path | None:

@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 
 from strandcast.user_cache import cached, keep
 
+SOURCES = Path(__file__).resolve().parents[1]
 NAME = "source-code-4.json"  # with the number of its format
 MOST = 4000  # contents of files that are remembered, some 2 MB (chosen; the package has 300 files)
 
@@ -23,44 +24,43 @@ class SourceCode(NamedTuple):
     imports: tuple[str, ...]
 
 
-class SourceCache:
-    """The code of files, parsed once for each content."""
-
-    def __init__(self) -> None:
-        self._known = _read()
-        self._new = False
-
-    def code_of(self, path: Path) -> SourceCode:
-        """Return the code of a file."""
-        text = path.read_bytes()
-        key = hashlib.sha256(text).hexdigest()
-        if key not in self._known:
-            code = parse(text)
-            self._known[key] = [code.sha256, *code.imports]
-            self._new = True
-        sha256, *imports = self._known[key]
-        return SourceCode(sha256, tuple(imports))
-
-    def save(self) -> None:
-        """Write the cache if it grew; a cache that cannot be written is no error."""
-        if not self._new:
-            return
-        if len(self._known) > MOST:  # forget what was added first
-            self._known = dict(list(self._known.items())[-MOST // 2 :])
-        self._new = not keep(NAME, json.dumps(self._known))
-
-
-def _read() -> dict[str, list[str]]:
+@cache
+def _known() -> dict[str, list[str]]:
+    """Return the hash of the code and the imports of each content that was parsed before."""
     try:
         return dict(json.loads(cached(NAME)))
     except (ValueError, TypeError):
         return {}
 
 
+_added: set[str] = set()  # contents that the user's cache does not hold yet
+
+
+def code_of(path: Path) -> SourceCode:
+    """Return the code of a file, parsed once for each content."""
+    text = path.read_bytes()
+    key = hashlib.sha256(text).hexdigest()
+    if key not in _known():
+        code = parse(text)
+        _known()[key] = [code.sha256, *code.imports]
+        _added.add(key)
+    sha256, *imports = _known()[key]
+    return SourceCode(sha256, tuple(imports))
+
+
+def save_codes() -> None:
+    """Write the cache if it grew; a cache that cannot be written is no error."""
+    kept = list(_known().items())
+    kept = kept[-MOST // 2 :] if len(kept) > MOST else kept  # forget what was added first
+    if _added and keep(NAME, json.dumps(dict(kept))):
+        _added.clear()
+
+
 @cache
-def source_cache() -> SourceCache:
-    """Return the cache of this process."""
-    return SourceCache()
+def file_of(module: str) -> Path | None:
+    """Return the file of a module of these sources; None if it is none."""
+    stem = SOURCES.joinpath(*module.split("."))
+    return next((path for path in (stem.with_suffix(".py"), stem / "__init__.py") if path.is_file()), None)
 
 
 def parse(text: bytes) -> SourceCode:

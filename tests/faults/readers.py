@@ -58,7 +58,7 @@ from strandcast.records.track import TrackSummary
 from strandcast.report.experiment_page import _thumbnail
 from strandcast.report.results import FILES, read_results
 from strandcast.report.summary import summarise
-from strandcast.source_code import NAME, SourceCache
+from strandcast.source_code import NAME, _known, code_of, save_codes
 from strandcast.video.checks import check_recorded
 from strandcast.video.ingest import inspect_video
 from strandcast.video.photo import decode_photo
@@ -745,16 +745,17 @@ def held(path: Path) -> Any:
 
 def cached_code(path: Path) -> Any:
     with mock.patch.dict(os.environ, {"XDG_CACHE_HOME": str(path.parents[1])}):
-        return SourceCache().code_of(path.with_name("code.py"))
+        _known.cache_clear()
+        return code_of(path.with_name("code.py"))
 
 
 def cache_file(folder: Path) -> Path:
     (folder / "strandcast").mkdir()
     code = written("code.py", "from math import pi\n\nTURN = 2 * pi\n")(folder / "strandcast")
     with mock.patch.dict(os.environ, {"XDG_CACHE_HOME": str(folder)}):
-        cache_of = SourceCache()
-        cache_of.code_of(code)
-        cache_of.save()
+        _known.cache_clear()
+        code_of(code)
+        save_codes()
     return code.with_name(NAME)
 
 

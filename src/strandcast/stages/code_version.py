@@ -5,17 +5,15 @@ Snakemake notices neither an edit in `src/` nor a changed setting, but it compar
 
 import functools
 import hashlib
-from pathlib import Path
 from typing import Any
 
 from strandcast.config.experiment import Experiment
 from strandcast.records.files import canonical_json
-from strandcast.source_code import source_cache
+from strandcast.source_code import code_of, file_of, save_codes
 from strandcast.stages.declarations import STAGES
 from strandcast.stages.files import played_motions, this
 from strandcast.stages.job import Job
 
-SOURCES = Path(__file__).resolve().parents[2]
 PACKAGES = ("strandcast.", "strandcast_studies.")
 
 
@@ -53,7 +51,7 @@ def code_version(stage: str) -> str:
     start = stage if "." in stage else f"strandcast.stages.{stage}"
     for module in sorted(_closure(start)):
         digest.update(module.encode() + b"\0" + _meaning(module))
-    source_cache().save()
+    save_codes()
     return digest.hexdigest()[:16]
 
 
@@ -70,24 +68,18 @@ def _closure(module: str) -> set[str]:
 
 
 @functools.cache
-def _file_of(module: str) -> Path | None:
-    stem = SOURCES.joinpath(*module.split("."))
-    return next((path for path in (stem.with_suffix(".py"), stem / "__init__.py") if path.is_file()), None)
-
-
-@functools.cache
 def _imports(module: str) -> tuple[str, ...]:
     """Return the modules of strandcast that a module imports anywhere, also within functions."""
-    path = _file_of(module)
-    names = source_cache().code_of(path).imports if path else ()
-    return tuple(name for name in names if name.startswith(PACKAGES) and _file_of(name))
+    path = file_of(module)
+    names = code_of(path).imports if path else ()
+    return tuple(name for name in names if name.startswith(PACKAGES) and file_of(name))
 
 
 @functools.cache
 def _meaning(module: str) -> bytes:
     """Return the hash of a module's code and, for a package, the templates of pages in its folder."""
-    path = _file_of(module)
+    path = file_of(module)
     if path is None:
         return b""
     templates = sorted(path.parent.rglob("*.jinja")) if path.name == "__init__.py" else []
-    return source_cache().code_of(path).sha256.encode() + b"".join(file.read_bytes() for file in templates)
+    return code_of(path).sha256.encode() + b"".join(file.read_bytes() for file in templates)
