@@ -15,7 +15,7 @@ from pathlib import Path
 from zlib import crc32
 
 from strandcast.kernel_seed import LEVELS, cpu_levels, plant, seed_name
-from strandcast.user_cache import cache_folder, cached, keep
+from strandcast.user_cache import cache_folder, cached, can_be_written, keep
 
 # What only the search for a folder needs is imported on use: most processes inherit NUMBA_CACHE_DIR.
 
@@ -32,23 +32,14 @@ def use_own_cache() -> None:
     A job of a cluster gets the variable from the computer that submitted it; that folder may not exist here.
     """
     level = _target()
-    if not _can_be_written(os.environ.get("NUMBA_CACHE_DIR")):
+    given = os.environ.get("NUMBA_CACHE_DIR")
+    if not given or not can_be_written(Path(given)):
         folder = _writable_folder()
         if folder is not None:
             own = folder / f"{kernels_sha256()[:16]}-{seed_name(level)}"
             plant(own, level, kernels_sha256())
             os.environ["NUMBA_CACHE_DIR"] = str(own)
     os.environ.setdefault("NUMBA_CACHE_LOCATOR_CLASSES", LOCATORS)
-
-
-def _can_be_written(folder: str | None) -> bool:
-    """Return whether a folder is named and is there, or can be made, and takes files."""
-    try:
-        if folder:
-            Path(folder).mkdir(parents=True, exist_ok=True)
-        return bool(folder) and os.access(str(folder), os.W_OK)
-    except OSError:
-        return False
 
 
 def _target() -> str:

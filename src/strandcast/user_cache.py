@@ -5,14 +5,22 @@ from contextlib import suppress
 from pathlib import Path
 
 
+def can_be_written(folder: Path) -> bool:
+    """Return whether a folder is there, or can be made, and takes files."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        return os.access(folder, os.W_OK)
+    except OSError:
+        return False
+
+
 def cache_folder() -> Path | None:
     """Return the folder of this user's caches, or None if it cannot be written; XDG_CACHE_HOME moves it."""
     try:
         folder = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "strandcast"
-        folder.mkdir(parents=True, exist_ok=True)
-        return folder if os.access(folder, os.W_OK) else None
-    except (OSError, RuntimeError):
+    except RuntimeError:  # there is no home
         return None
+    return folder if can_be_written(folder) else None
 
 
 def cached(name: str) -> str:
