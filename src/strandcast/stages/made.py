@@ -21,18 +21,15 @@ MOST_CHANGES = 3  # that are named; chosen
 UNKNOWN = "there is no note of what it was made from"
 
 
-class Note:
-    """The note of a job: what it is made from now, to be written once the job is done."""
+def made_from(files: Files) -> dict[str, Any]:
+    """Return what a job is made from now: the hashes of its inputs, its settings, the version of its code."""
+    return _facts(files) | {"inputs": _hashes(files, files.all_inputs())}
 
-    def __init__(self, files: Files) -> None:
-        self._files = files
-        self._now = _facts(files)
-        self._inputs = _hashes(files, files.all_inputs())
 
-    def write(self) -> None:
-        """Write the note, with the hashes of what the job has written."""
-        hashes = {"inputs": self._inputs, "outputs": _hashes(self._files, self._files.all_outputs())}
-        write_text(_place(self._files), canonical_json(self._now | hashes) + "\n")
+def write_note(files: Files, made_from: dict[str, Any]) -> None:
+    """Write the note of a job that is done, with the hashes of what it has written."""
+    note = made_from | {"outputs": _hashes(files, files.all_outputs())}
+    write_text(_place(files), canonical_json(note) + "\n")
 
 
 def changes_since_made(files: Files, inputs: Iterable[str] | None = None) -> list[str]:

@@ -13,7 +13,7 @@ from strandcast.records.lineage import made_by_stage
 from strandcast.stages.context import context_of
 from strandcast.stages.declarations import STAGES
 from strandcast.stages.job import Files, Job
-from strandcast.stages.made import Note
+from strandcast.stages.made import made_from, write_note
 from strandcast.stages.producers import Step, producers
 from strandcast.stages.raw_files import missing_file
 
@@ -32,16 +32,16 @@ def run_stage(stage: str, root: Path, experiment: str, trial: int = 0, trials: S
         _refuse_unmade(files)
     inputs = (path for role in files.stage.lineage_roles() for path in files.inputs(role))
     run = importlib.import_module(f"strandcast.stages.{stage}").run
-    note = Note(files)
+    at_start = made_from(files)
     # One thread for linear algebra: the last digits of results must not depend on the number of cores.
     with made_by_stage(stage, root, inputs), threadpool_limits(1):
         try:
             run(files.job, files)
         except StrandcastError as error:
             if stage in PAGES and error.exit_code == INTEGRITY:  # raised after the page was written
-                note.write()
+                write_note(files, at_start)
             raise
-    note.write()
+    write_note(files, at_start)
     for warning in _warnings(files):
         print_line(f"{stage}: warning: {warning}")
 

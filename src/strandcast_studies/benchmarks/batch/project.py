@@ -13,7 +13,7 @@ from strandcast.core.trial_names import trial_name
 from strandcast.records.folders import own_experiments
 from strandcast.stages.context import context_of
 from strandcast.stages.declarations import STAGES
-from strandcast.stages.made import Note
+from strandcast.stages.made import made_from, write_note
 from strandcast.workflow.pending import tasks_of
 from strandcast.workflow.project import make_project
 
@@ -93,4 +93,4 @@ def note_results(root: Path) -> None:
     for name in own_experiments(root):
         context = context_of(root, name)
         for task in tasks_of(context, context.folder.recorded_trials(), {}).values():
-            Note(task.files).write()
+            write_note(task.files, made_from(task.files))
