@@ -110,7 +110,7 @@ def test_a_fault_of_a_package_that_another_needs_is_repaired_there(monkeypatch):
     def refuse(module: object) -> None:
         raise ImportError("cannot import name 'x' from 'llvmlite'", name="llvmlite.binding")
 
-    monkeypatch.setitem(PROBES, "numba", packages.Probe("numba", refuse))
+    monkeypatch.setitem(PROBES, "numba", ("numba", refuse))
     problem = broken_package(ImportError("as the command met it"))
     assert problem is not None
     assert problem.what.startswith("numba ")

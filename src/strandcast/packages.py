@@ -21,13 +21,6 @@ OPENCV = "opencv-contrib-python-headless"
 OTHER_OPENCVS = ("opencv-python", "opencv-python-headless", "opencv-contrib-python")
 
 
-class Probe(NamedTuple):
-    """The module of a package that is imported, and a call of it that takes milliseconds."""
-
-    module: str
-    call: Callable[[Any], object]
-
-
 class Fault(NamedTuple):
     """Why a package does not work, and the command line that repairs it."""
 
@@ -43,28 +36,29 @@ def _opencv(cv2: Any) -> None:
     cv2.ximgproc.thinning(picture)
 
 
-PROBES: dict[str, Probe] = {
-    "av": Probe("av", lambda av: av.VideoFrame(16, 16, "gray").to_ndarray()),
-    "filelock": Probe("filelock", lambda filelock: filelock.FileLock("unused")),
-    "jinja2": Probe("jinja2", lambda jinja2: jinja2.Template("{{ 1 }}").render()),
-    "matplotlib": Probe("matplotlib.figure", lambda figure: figure.Figure().savefig(io.BytesIO())),
-    "mujoco-core": Probe("mujoco", lambda mujoco: mujoco.MjModel.from_xml_string("<mujoco/>")),
-    "numba": Probe("numba.core.registry", lambda registry: registry.cpu_target.target_context),  # of LLVM
-    "numpy": Probe("numpy", lambda numpy: numpy.linalg.inv(numpy.eye(2))),
-    OPENCV: Probe("cv2", _opencv),
-    "pandas": Probe("pandas", lambda pandas: pandas.DataFrame({"a": [1]}).sum()),
-    "pillow": Probe("PIL.Image", lambda image: image.new("L", (2, 2)).save(io.BytesIO(), "PNG")),
-    "pyarrow": Probe("pyarrow.parquet", lambda parquet: parquet.write_table(*_table())),
-    "pydantic": Probe("pydantic", lambda pydantic: pydantic.TypeAdapter(int).validate_json("1")),
-    "rich": Probe("rich.console", lambda console: console.Console(file=io.StringIO()).print("a")),
-    "ruamel.yaml": Probe("ruamel.yaml", lambda yaml: yaml.YAML(typ="safe").load("a: 1")),
-    "ruckig": Probe("ruckig", lambda ruckig: ruckig.Ruckig(1, 0.01)),
-    "scikit-image": Probe("skimage.morphology", lambda morphology: morphology.skeletonize(_square())),
-    "scipy": Probe("scipy.linalg", lambda linalg: linalg.expm([[0.0]])),
-    "snakemake": Probe("snakemake.cli", lambda cli: cli.get_argument_parser()),
-    "threadpoolctl": Probe("threadpoolctl", lambda threadpoolctl: threadpoolctl.threadpool_info()),
-    "tifffile": Probe("tifffile", lambda tifffile: tifffile.imwrite(io.BytesIO(), _square())),
-    "typer": Probe("typer.main", lambda main: main.get_command(main.Typer(callback=lambda: None))),
+# Package -> the module of it that is imported, and a call of that which takes milliseconds.
+PROBES: dict[str, tuple[str, Callable[[Any], object]]] = {
+    "av": ("av", lambda av: av.VideoFrame(16, 16, "gray").to_ndarray()),
+    "filelock": ("filelock", lambda filelock: filelock.FileLock("unused")),
+    "jinja2": ("jinja2", lambda jinja2: jinja2.Template("{{ 1 }}").render()),
+    "matplotlib": ("matplotlib.figure", lambda figure: figure.Figure().savefig(io.BytesIO())),
+    "mujoco-core": ("mujoco", lambda mujoco: mujoco.MjModel.from_xml_string("<mujoco/>")),
+    "numba": ("numba.core.registry", lambda registry: registry.cpu_target.target_context),  # of LLVM
+    "numpy": ("numpy", lambda numpy: numpy.linalg.inv(numpy.eye(2))),
+    OPENCV: ("cv2", _opencv),
+    "pandas": ("pandas", lambda pandas: pandas.DataFrame({"a": [1]}).sum()),
+    "pillow": ("PIL.Image", lambda image: image.new("L", (2, 2)).save(io.BytesIO(), "PNG")),
+    "pyarrow": ("pyarrow.parquet", lambda parquet: parquet.write_table(*_table())),
+    "pydantic": ("pydantic", lambda pydantic: pydantic.TypeAdapter(int).validate_json("1")),
+    "rich": ("rich.console", lambda console: console.Console(file=io.StringIO()).print("a")),
+    "ruamel.yaml": ("ruamel.yaml", lambda yaml: yaml.YAML(typ="safe").load("a: 1")),
+    "ruckig": ("ruckig", lambda ruckig: ruckig.Ruckig(1, 0.01)),
+    "scikit-image": ("skimage.morphology", lambda morphology: morphology.skeletonize(_square())),
+    "scipy": ("scipy.linalg", lambda linalg: linalg.expm([[0.0]])),
+    "snakemake": ("snakemake.cli", lambda cli: cli.get_argument_parser()),
+    "threadpoolctl": ("threadpoolctl", lambda threadpoolctl: threadpoolctl.threadpool_info()),
+    "tifffile": ("tifffile", lambda tifffile: tifffile.imwrite(io.BytesIO(), _square())),
+    "typer": ("typer.main", lambda main: main.get_command(main.Typer(callback=lambda: None))),
 }
 
 
@@ -172,7 +166,7 @@ def requirement_name(requirement: str) -> str:
 
 def top_module(package: str) -> str:
     """Return the module that a package is imported by, e.g. ``PIL``."""
-    return PROBES[package].module.partition(".")[0]
+    return PROBES[package][0].partition(".")[0]
 
 
 def _faults(names: Iterable[str]) -> dict[str, Fault]:
