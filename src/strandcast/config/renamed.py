@@ -58,37 +58,28 @@ MERGED = (
     Merged("lab.camera", ("width_px", "height_px"), "size_px", LAB_SIZE_PX),
 )
 
-OF_THE_PAPER = ("evaluation", "reading", "free_end", "joints", "paper", "w")
 BOARDS = ("board", "plane.board")
+DROPPED = (
+    *("schema_version", "track.background_frames", "cameras.*.scale"),
+    "lab.led",  # the lab has one where `align.led.place_m` is
+    # Calibration recognises them.
+    *(f"cameras.*.{board}.{name}" for board in BOARDS for name in ("legacy", "first_id")),
+    "objective.tolerance_rad",  # without a direction
+    "plan.planner",  # by the method
+    *("plan.control_points", "plan.ensemble", "plan.finer", "plan.mesh_refinement", "plan.carry_residual"),
+    *("plan.bias_correction", "plan.scatter", "plan.use_servo", "plan.paper"),
+    *("estimate.ensemble", "estimate.integrator", "estimate.find_weights"),
+    # Of the paper's method, which is one setting.
+    *(f"estimate.{name}" for name in ("evaluation", "reading", "free_end", "joints", "paper", "w")),
+)
 CLAMP_OFFSET_SD_RAD = 0.05  # the former default
 # Names of version 0.1, accepted by 0.2.
 RENAMED: tuple[Renamed, ...] = (
     Renamed("track.hand", "track.tracker", {"marker": "chain", "pivot": "pendulum"}),
-    Renamed("schema_version", None),
-    Renamed("track.background_frames", None),
-    Renamed("lab.led", None),  # the lab has one where `align.led.place_m` is
-    Renamed("cameras.*.scale", None),
-    # Calibration recognises them.
-    *(Renamed(f"cameras.*.{board}.{name}", None) for board in BOARDS for name in ("legacy", "first_id")),
+    *(Renamed(name, None) for name in DROPPED),
     *(Renamed(f"cameras.*.{name}", "cameras.*.lens") for name in ("lens_photos", "lens_video", "lens_file")),
-    Renamed("objective.tolerance_rad", None),  # without a direction
-    Renamed("plan.planner", None),  # by the method
-    Renamed("plan.control_points", None),
-    Renamed("plan.ensemble", None),
-    Renamed("estimate.ensemble", None),
     Renamed("plan.screening", None, instead="plan.evaluations is as many"),
-    Renamed("plan.finer", None),
-    Renamed("plan.mesh_refinement", None),
-    Renamed("plan.carry_residual", None),
-    Renamed("plan.bias_correction", None),
-    Renamed("plan.scatter", None),
     Renamed("plan.disturbances", "plan.disturbances", {"learnt": 1.0}),
-    Renamed("estimate.integrator", None),
-    Renamed("estimate.find_weights", None),
-    # Of the paper's method, which is one setting.
-    *(Renamed(f"estimate.{name}", None) for name in OF_THE_PAPER),
-    Renamed("plan.use_servo", None),
-    Renamed("plan.paper", None),
     Renamed("estimate.search", "estimate.search", {"cma": "thorough", "evolution": "thorough"}),
 )
 
