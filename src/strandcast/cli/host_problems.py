@@ -22,31 +22,22 @@ def problem_of(error: Exception) -> StrandcastError | None:
     if _is_memory(error, text):
         return _too_little_memory(text)
     if "can't start new thread" in text or isinstance(error, BlockingIOError):
-        return StrandcastError(
-            "SC-W004",
-            f"the system starts no more processes or threads ({text})",
-            fix="raise the limit of processes (`ulimit -u`, the cluster's), or end other programs",
-            exit_code=ENVIRONMENT,
-        )
+        what = f"the system starts no more processes or threads ({text})"
+        fix = "raise the limit of processes (`ulimit -u`, the cluster's), or end other programs"
+        return StrandcastError("SC-W004", what, fix=fix, exit_code=ENVIRONMENT)
     if "cannot cache function" in text:  # numba's words
-        return StrandcastError(
-            "SC-W002",
-            "there is no folder for compiled code that can be written",
-            fix="set TMPDIR or NUMBA_CACHE_DIR to a folder that can be written",
-            exit_code=ENVIRONMENT,
-        )
+        what = "there is no folder for compiled code that can be written"
+        fix = "set TMPDIR or NUMBA_CACHE_DIR to a folder that can be written"
+        return StrandcastError("SC-W002", what, fix=fix, exit_code=ENVIRONMENT)
     if isinstance(error, OSError):
         return _refused(error)
     broken = broken_package(error)
     if broken is not None:
         return _too_little_memory(text) if _is_memory(ImportError(), broken.what) else broken
     if isinstance(error, ModuleNotFoundError) and not str(error.name).startswith("strandcast"):
-        return StrandcastError(
-            "SC-W012",
-            f"the package {error.name} is not installed (a robot's computer may have the player's alone)",
-            fix="install all packages: pip install strandcast",
-            exit_code=ENVIRONMENT,
-        )
+        what = f"the package {error.name} is not installed (a robot's computer may have the player's alone)"
+        fix = "install all packages: pip install strandcast"
+        return StrandcastError("SC-W012", what, fix=fix, exit_code=ENVIRONMENT)
     return None
 
 
@@ -62,12 +53,9 @@ def _is_memory(error: Exception, text: str) -> bool:
 def _too_little_memory(text: str) -> StrandcastError:
     allowed = resource.getrlimit(resource.RLIMIT_AS)[0]
     limit = "" if allowed == resource.RLIM_INFINITY else f"; `ulimit -v` allows {in_bytes(allowed)}"
-    return StrandcastError(
-        "SC-W004",
-        f"there is too little memory ({text}{limit})",
-        fix="use fewer cores (`--cores 1`), end other programs, or allow more memory (`ulimit -v`)",
-        exit_code=ENVIRONMENT,
-    )
+    what = f"there is too little memory ({text}{limit})"
+    fix = "use fewer cores (`--cores 1`), end other programs, or allow more memory (`ulimit -v`)"
+    return StrandcastError("SC-W004", what, fix=fix, exit_code=ENVIRONMENT)
 
 
 def _refused(error: OSError) -> StrandcastError:

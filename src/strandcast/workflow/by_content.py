@@ -34,21 +34,19 @@ def decide_by_content(changes_of: Callable[[Any], Changes]) -> None:
     memory.enter_context(remembered(Path()))
     atexit.register(memory.close)
 
-    async def nothing() -> list[str]:
-        return []
-
-    async def no_time() -> None:
-        return None
+    async def soon(answer: Any) -> Any:  # Snakemake waits for these answers
+        return answer
 
     _replace(PersistenceBase, "has_metadata", lambda job: True)
     _replace(PersistenceBase, "has_outdated_metadata", lambda job: False)
     _replace(PersistenceBase, "params_changed", changes_of)
     for name in ("input_changed", "code_changed", "software_stack_changed"):
         _replace(PersistenceBase, name, lambda job: [])
-    _replace(PersistenceBase, "incomplete", lambda job: nothing())
-    _replace(DAG, "check_output_mtime", lambda job: no_time())  # it deletes results "older" than their inputs
+    _replace(PersistenceBase, "incomplete", lambda job: soon([]))
+    # It deletes results "older" than their inputs.
+    _replace(DAG, "check_output_mtime", lambda job: soon(None))
     times = vars(SnakemakeJob)["output_mintime"].fget
-    own = property(lambda job: no_time() if is_stage(job) else times(job))
+    own = property(lambda job: soon(None) if is_stage(job) else times(job))
     SnakemakeJob.output_mintime = own
 
 
