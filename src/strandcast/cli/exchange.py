@@ -33,12 +33,9 @@ def complete_point(context: typer.Context, incomplete: str) -> list[str]:
     except StrandcastError:
         return []
     place, colon, _ = incomplete.partition(":")
-    found = [f"{place}:{name}" for name in names] if colon and _is_number(place) else names
+    is_placed = colon and place.replace(".", "", 1).isdecimal()
+    found = [f"{place}:{name}" for name in names] if is_placed else names
     return [name for name in found if name.startswith(incomplete)]
-
-
-def _is_number(text: str) -> bool:
-    return text.replace(".", "", 1).isdecimal()
 
 
 def import_joints(

@@ -70,17 +70,13 @@ def _write_nowhere() -> None:
         os.dup2(nowhere, stream.fileno())
 
 
-def show_problem(problem: StrandcastError) -> None:
-    """Print a problem: as one JSON object if the command line asks for JSON, which may be wrong in itself."""
+def _end_with(problem: StrandcastError) -> None:
+    """Print a problem and end; as one JSON object if the command line, wrong or not, asks for JSON."""
     words = sys.argv[1:]
     if "--json" in words[: words.index("--") if "--" in words else len(words)]:
         print(json.dumps(problem.to_json(), ensure_ascii=False), flush=True)
     else:
         print(problem, file=sys.stderr, flush=True)
-
-
-def _end_with(problem: StrandcastError) -> None:
-    show_problem(problem)
     sys.exit(problem.exit_code)
 
 

@@ -219,7 +219,9 @@ def _next_steps(context: Context, trials: list[TrialStatus], damaged: list[Findi
     if owner is not None:
         yield f"# wait for the run that has not ended: {owner}"
         return
-    filmless = [trial.trial for trial in trials if trial.trial and _is_filmless(context, trial)]
+    thrown = [trial.trial for trial in trials if trial.throw is not None and context.settings.lab is None]
+    # With neither a video nor a supplied track.
+    filmless = [number for number in thrown if number not in context.folder.recorded_trials()]
     for number in filmless:
         yield f"# {recording_advice(context, number)}"
     failed = [(number, stage) for number, stage in found if stage.state == "failed"]
@@ -242,9 +244,3 @@ def _next_steps(context: Context, trials: list[TrialStatus], damaged: list[Findi
             return
     if not unmade and not filmless:
         yield f"# nothing is to be done; the page is {context.folder.results / 'report.html'}"
-
-
-def _is_filmless(context: Context, trial: TrialStatus) -> bool:
-    """Return whether a trial was thrown, but has neither a video nor a supplied track."""
-    lab = context.settings.lab is not None
-    return not lab and trial.throw is not None and trial.trial not in context.folder.recorded_trials()
