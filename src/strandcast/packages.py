@@ -186,9 +186,6 @@ def broken_package(error: Exception) -> StrandcastError | None:
     if not faults:
         return None
     logging.getLogger(__name__).info("the error was", exc_info=error)
-    return StrandcastError(
-        "SC-W013",
-        "; ".join(f"{name} {installed_version(name)} does not work: {faults[name].why}" for name in faults),
-        fix=f"install it again: {' && '.join(dict.fromkeys(fault.fix for fault in faults.values()))}",
-        exit_code=ENVIRONMENT,
-    )
+    what = "; ".join(f"{name} {installed_version(name)} does not work: {faults[name].why}" for name in faults)
+    fix = f"install it again: {' && '.join(dict.fromkeys(fault.fix for fault in faults.values()))}"
+    return StrandcastError("SC-W013", what, fix=fix, exit_code=ENVIRONMENT)

@@ -78,12 +78,9 @@ def throw(
     goes on.
     """
     if not sys.stdin.isatty():
-        raise StrandcastError(
-            "SC-X012",
-            "a sitting needs a keyboard: each motion is confirmed by a person",
-            cost="nothing was sent to the arm",
-            fix="start it in a terminal",
-        )
+        what = "a sitting needs a keyboard: each motion is confirmed by a person"
+        fix = "start it in a terminal"
+        raise StrandcastError("SC-X012", what, cost="nothing was sent to the arm", fix=fix)
     from strandcast.executor.preflight import PlayOptions
     from strandcast.records.folders import ExperimentFolder
     from strandcast.stages.context import context_of

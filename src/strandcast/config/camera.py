@@ -212,10 +212,7 @@ def only_camera(names: Iterable[str]) -> str:
     """
     given = list(names)
     if len(given) != 1:
-        raise StrandcastError(
-            "SC-F003",
-            f"names {len(given)} cameras ({', '.join(given)}); an experiment has one",
-            field="cameras",
-            fix="keep one; give the other an experiment of its own, and see `strandcast import views`",
-        )
+        what = f"names {len(given)} cameras ({', '.join(given)}); an experiment has one"
+        fix = "keep one; give the other an experiment of its own, and see `strandcast import views`"
+        raise StrandcastError("SC-F003", what, field="cameras", fix=fix)
     return given[0]

@@ -48,13 +48,9 @@ def _listed(settings: Experiment, trial: int) -> str | None:
 
 
 def _by_hand(path: Path, trial: int) -> StrandcastError:
-    return StrandcastError(
-        "SC-F003",
-        "the list cannot be edited without changing other settings",
-        file=path,
-        field=KEY,
-        fix=f"edit the line by hand: {KEY}: [{{trial: {trial}, reason: …}}]",
-    )
+    what = "the list cannot be edited without changing other settings"
+    fix = f"edit the line by hand: {KEY}: [{{trial: {trial}, reason: …}}]"
+    return StrandcastError("SC-F003", what, file=path, field=KEY, fix=fix)
 
 
 def _edited(text: str, trial: int, reason: str | None) -> str:

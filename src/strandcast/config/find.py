@@ -135,10 +135,6 @@ def find_arm(experiment: Experiment, experiment_file: Path, root: Path) -> Path:
                 fix="copy the arm's file and its URDF into one of these folders",
             )
     known = sorted(p.stem for p in root.glob("config/arms/*.toml"))
-    raise StrandcastError(
-        "SC-F001",
-        f"there is no arm {experiment.arm!r}",
-        file=experiment_file,
-        field="arm",
-        fix=f"one of {', '.join(known)}, or the path of an arm's file",
-    )
+    what = f"there is no arm {experiment.arm!r}"
+    fix = f"one of {', '.join(known)}, or the path of an arm's file"
+    raise StrandcastError("SC-F001", what, file=experiment_file, field="arm", fix=fix)

@@ -75,12 +75,9 @@ def _with_cameras(data: dict[str, Any]) -> dict[str, Any]:
     """
     if "camera" in data:
         if "cameras" in data:
-            raise StrandcastError(
-                "SC-F003",
-                "both camera and cameras are given",
-                field="camera",
-                fix="move it into cameras, by name",
-            )
+            what = "both camera and cameras are given"
+            fix = "move it into cameras, by name"
+            raise StrandcastError("SC-F003", what, field="camera", fix=fix)
         data["cameras"] = {MAIN: data.pop("camera")}
     cameras = data.get("cameras")
     for camera in cameras.values() if isinstance(cameras, dict) else ():

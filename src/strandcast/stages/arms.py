@@ -19,11 +19,7 @@ def arm_of(context: Context) -> Arm:
     if target_m is not None and len(target_m) != arm.axes:
         where = "space" if arm.axes == 3 else "a plane"
         wanted = COORDINATES[arm.axes]
-        raise StrandcastError(
-            "SC-F014",
-            f"the target has {COORDINATES[len(target_m)]}, and the arm {arm.name!r} throws in {where}",
-            file=context.file,
-            field="target_m",
-            fix=f"give the target {wanted}, or another arm",
-        )
+        what = f"the target has {COORDINATES[len(target_m)]}, and the arm {arm.name!r} throws in {where}"
+        fix = f"give the target {wanted}, or another arm"
+        raise StrandcastError("SC-F014", what, file=context.file, field="target_m", fix=fix)
     return arm

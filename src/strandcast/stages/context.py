@@ -124,9 +124,6 @@ def refuse_unknown_trial(context: Context, trial: int) -> None:
     folder, known = context.folder, context.folder.thrown_trials()
     if trial not in known and not (folder.trial(trial).results / "verdict.json").is_file():
         there = f"thrown so far: {', '.join(map(str, known))}" if known else "nothing was thrown yet"
-        raise StrandcastError(
-            "SC-W021",
-            f"there is no trial {trial}",
-            file=folder.data,
-            fix=f"give a trial that exists; {there}",
-        )
+        what = f"there is no trial {trial}"
+        fix = f"give a trial that exists; {there}"
+        raise StrandcastError("SC-W021", what, file=folder.data, fix=fix)

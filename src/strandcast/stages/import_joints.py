@@ -33,12 +33,9 @@ def run(
     motion, record = folder / "motion.json", folder / "run.json"
     plans = kept_motions(context.folder, trial or 1)
     if record.is_file() and not Run.read(record).driver.startswith(IMPORTED):  # the only copy of that run
-        raise StrandcastError(
-            "SC-I022",
-            "this trial was played and logged by `strandcast play`",
-            file=record,
-            fix="import as another trial, or move joints.csv and run.json away first",
-        )
+        what = "this trial was played and logged by `strandcast play`"
+        fix = "import as another trial, or move joints.csv and run.json away first"
+        raise StrandcastError("SC-I022", what, file=record, fix=fix)
     refuse_replacing(record, replace)
     aligned_before = record.is_file() and (folder / "alignment.json").is_file()
     found = import_joints(

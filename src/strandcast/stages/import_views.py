@@ -129,12 +129,9 @@ def _checked_track(context: Context, trial: int, length_m: float) -> float:
     summary = TrackSummary.read(path)
     its_m = summary.length_m
     if abs(its_m - length_m) > LENGTHS_DIFFER * length_m:
-        raise StrandcastError(
-            "SC-I049",
-            f"the string is {length_m:g} m long, but from the hand on {its_m:.4g} m in {context.name}",
-            field="string.length_m",
-            fix=f"give the free length, without what the clamp holds: length_m: {its_m:.4g}",
-        )
+        what = f"the string is {length_m:g} m long, but from the hand on {its_m:.4g} m in {context.name}"
+        fix = f"give the free length, without what the clamp holds: length_m: {its_m:.4g}"
+        raise StrandcastError("SC-I049", what, field="string.length_m", fix=fix)
     return summary.tip_sigma_m
 
 
@@ -147,12 +144,9 @@ def _placed_by_boards(
     names = sorted(path.relative_to(folders[0]) for path in folders[0].glob(boards)) if usable else []
     both = [name for name in names if (folders[1] / name).is_file()]
     if not both:
-        raise StrandcastError(
-            "SC-I049",
-            f"no file {boards!r} is in both {folders[0]} and {folders[1]}",
-            field="--boards",
-            fix="give a pattern of names in these folders, e.g. 'calibration/both-*.png'",
-        )
+        what = f"no file {boards!r} is in both {folders[0]} and {folders[1]}"
+        fix = "give a pattern of names in these folders, e.g. 'calibration/both-*.png'"
+        raise StrandcastError("SC-I049", what, field="--boards", fix=fix)
     photos = [read_photos_of(c, [f / name for name in both]) for c, f in zip(contexts, folders, strict=True)]
     pose = stereo_pose(
         list(zip(*photos, strict=True)), contexts[0].settings.camera.board, first.camera, other.camera

@@ -34,20 +34,13 @@ def refuse_unread(context: Context, page: Path, unread: Mapping[str, str]) -> No
     """Raise SC-H023 if a page that was just written shows results that could not be read."""
     files = [f"{file}: {why}" for file, why in unread.items()]
     if files:
-        raise StrandcastError(
-            "SC-H023",
-            f"the page says what could not be read ({'; '.join(files)})",
-            file=page,
-            fix=f"restore these files, or delete them and make them again: strandcast run {context.name}",
-            exit_code=INTEGRITY,
-        )
+        what = f"the page says what could not be read ({'; '.join(files)})"
+        fix = f"restore these files, or delete them and make them again: strandcast run {context.name}"
+        raise StrandcastError("SC-H023", what, file=page, fix=fix, exit_code=INTEGRITY)
 
 
 def no_such_trial(context: Context, trial: int) -> StrandcastError:
     """Return the error for a trial that does not exist."""
-    return StrandcastError(
-        "SC-W030",
-        f"there is no trial {trial}",
-        file=context.folder.results,
-        fix=f"make its results first: strandcast run {context.name}",
-    )
+    what = f"there is no trial {trial}"
+    fix = f"make its results first: strandcast run {context.name}"
+    return StrandcastError("SC-W030", what, file=context.folder.results, fix=fix)

@@ -26,12 +26,9 @@ def given_pictures(context: Context, paths: Sequence[Path], flags: int) -> Itera
     for path in paths:
         real = path.resolve()
         if not any(real.is_relative_to(folder.resolve()) for folder in folders):
-            raise StrandcastError(
-                "SC-F010",
-                f"the link leads to {real}, outside {folders[1]}",
-                file=path,
-                fix="copy the picture itself into the experiment's folder",
-            )
+            what = f"the link leads to {real}, outside {folders[1]}"
+            fix = "copy the picture itself into the experiment's folder"
+            raise StrandcastError("SC-F010", what, file=path, fix=fix)
     return read_photos(paths, flags)
 
 

@@ -17,13 +17,9 @@ def run(job: Job, files: Files) -> None:
     in_space = is_in_space(track.column_names)
     refuse_other_target(job.context, in_space)
     if summary.points != declared and not in_space:
-        raise StrandcastError(
-            "SC-R021",
-            f"the track has {summary.points} points, the experiment's string {declared}",
-            file=files.input("summary"),
-            field="points",
-            fix="set string.points in experiment.yaml, or import the track again",
-        )
+        what = f"the track has {summary.points} points, the experiment's string {declared}"
+        fix = "set string.points in experiment.yaml, or import the track again"
+        raise StrandcastError("SC-R021", what, file=files.input("summary"), field="points", fix=fix)
     found = check_length(summary.length_m, job.context.settings.string.length_m, files.input("summary"))
     found += check_supplied(files.input("track"), files.input("hand"), alignment, summary)
     summary.warnings += [warning for warning in found if warning not in summary.warnings]

@@ -76,9 +76,6 @@ def _refuse_unmade(files: Files) -> None:
     step = producers(context, range(1, files.job.trial + 1)).get(missing)
     if step is None:
         raise missing_file(context, missing)
-    raise StrandcastError(
-        "SC-W030",
-        f"{files.stage.name} needs this file, which has not been made yet",
-        file=missing,
-        fix=_how_to_make(files, step),
-    )
+    what = f"{files.stage.name} needs this file, which has not been made yet"
+    fix = _how_to_make(files, step)
+    raise StrandcastError("SC-W030", what, file=missing, fix=fix)

@@ -50,12 +50,9 @@ def profile(root: Path, name: str = DEFAULT_PROFILE) -> Path:
     if folder is None:
         folders = {path for top in (root, shipped()) for path in (top / profiles).glob("*/")}
         known = sorted({path.name for path in folders if _profile_file(path) is not None})
-        raise StrandcastError(
-            "SC-W021",
-            f"there is no profile {name!r}",
-            field="--profile",
-            fix=f"one of {', '.join(known)}, or the path of a folder with a profile.yaml",
-        )
+        what = f"there is no profile {name!r}"
+        fix = f"one of {', '.join(known)}, or the path of a folder with a profile.yaml"
+        raise StrandcastError("SC-W021", what, field="--profile", fix=fix)
     return folder
 
 
@@ -103,13 +100,9 @@ def make_project(folder: Path) -> list[Path]:
         SC-E005 the folder is not empty, or is a file.
     """
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-        raise StrandcastError(
-            "SC-E005",
-            "is not empty" if folder.is_dir() else "is a file",
-            file=folder,
-            cost="nothing was written",
-            fix="give the name of a folder that does not exist yet",
-        )
+        what = "is not empty" if folder.is_dir() else "is a file"
+        fix = "give the name of a folder that does not exist yet"
+        raise StrandcastError("SC-E005", what, file=folder, cost="nothing was written", fix=fix)
     for name in ("data", "results"):
         (folder / name).mkdir(parents=True, exist_ok=True)
     files = {folder / file.name.replace("gitignore", ".gitignore"): file for file in TEMPLATE.iterdir()}

@@ -174,12 +174,8 @@ def _render_again(root: Path, names: list[str], cores: int, refused: list[Strand
 def refuse_elsewhere(root: Path) -> None:
     """Refuse to run outside a project."""
     if not is_project(root):
-        raise StrandcastError(
-            "SC-W001",
-            "no project is here or in the folders above: there is no Snakefile beside config/",
-            file=root.resolve(),
-            exit_code=ENVIRONMENT,
-        )
+        what = "no project is here or in the folders above: there is no Snakefile beside config/"
+        raise StrandcastError("SC-W001", what, file=root.resolve(), exit_code=ENVIRONMENT)
 
 
 def _report_damage(root: Path, experiment: str, damaged: list[Finding], dry_run: bool) -> None:

@@ -125,12 +125,9 @@ def require_slurm(*, submits: bool = True) -> None:
         SC-W026 there is no sbatch. SC-W012 there is no plugin.
     """
     if importlib.util.find_spec(PLUGIN) is None:
-        raise StrandcastError(
-            "SC-W012",
-            f"Slurm needs the package {PLUGIN.replace('_', '-')}, which is not installed",
-            fix="in a clone: make slurm; otherwise: pip install 'strandcast[slurm]'",
-            exit_code=ENVIRONMENT,
-        )
+        what = f"Slurm needs the package {PLUGIN.replace('_', '-')}, which is not installed"
+        fix = "in a clone: make slurm; otherwise: pip install 'strandcast[slurm]'"
+        raise StrandcastError("SC-W012", what, fix=fix, exit_code=ENVIRONMENT)
     if submits and shutil.which("sbatch") is None:
         raise StrandcastError(
             "SC-W026",

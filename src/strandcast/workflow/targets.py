@@ -201,12 +201,9 @@ def targets_of(name: str, until: str | None = None, root: Path = ROOT) -> list[s
     known = [each for each in STAGES if _runs(each, context)]
     if stage not in known:
         near = difflib.get_close_matches(stage, known, n=1)
-        raise StrandcastError(
-            "SC-W021",
-            f"{name} has no stage {until!r}",
-            field="--until",
-            fix=(f"did you mean {near[0]}?" if near else f"one of {', '.join(known)}").replace("_", "-"),
-        )
+        what = f"{name} has no stage {until!r}"
+        fix = (f"did you mean {near[0]}?" if near else f"one of {', '.join(known)}").replace("_", "-")
+        raise StrandcastError("SC-W021", what, field="--until", fix=fix)
     trials, _ = known_trials(context)
     if stage == "plan":
         trials = [max(trials, default=0) + 1]  # the next motion
