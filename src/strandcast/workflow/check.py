@@ -398,25 +398,22 @@ def _problems_of_log(context: Context, trial: TrialFolder) -> Iterator[Strandcas
 
 
 def _problems_of_video(context: Context, trial: TrialFolder) -> Iterator[StrandcastError]:
-    if len(trial.videos()) > 1:
-        try:
-            trial.video()
-        except StrandcastError as error:
-            yield error
-    elif not trial.videos():
+    if not trial.videos():
         like = [path for path in trial.raw_files() if path.suffix.lower() in video_suffixes()]
         fix = "copy the recording there as video.mp4 (or .avi, .mkv, .mov …), or `strandcast import track`"
         if len(like) == 1:
             fix = _rename(like[0], trial.data / f"video{like[0].suffix.lower()}")
         yield _wrong("the trial has raw files, but no video", trial.data, fix)
-    elif not (trial.results / "manifest.json").is_file():  # `ingest` has not seen it yet
-        from strandcast.video.ingest import inspect_video
+        return
+    camera = context.settings.camera
+    try:
+        video = trial.video()  # refuses several
+        if not (trial.results / "manifest.json").is_file():  # `ingest` has not seen it yet
+            from strandcast.video.ingest import inspect_video
 
-        camera = context.settings.camera
-        try:
-            inspect_video(trial.video(), camera.frame_rate_hz, camera.missing_policy)
-        except StrandcastError as error:
-            yield error
+            inspect_video(video, camera.frame_rate_hz, camera.missing_policy)
+    except StrandcastError as error:
+        yield error
 
 
 def _wrong(what: str, file: Path, fix: str) -> StrandcastError:
