@@ -48,9 +48,7 @@ def _target() -> str:
     For its level, not for its model: machine code can be passed on, numbers are the same on more computers,
     and speed is within 2 % (docs/decisions/0010-determinism.md).
     """
-    if os.environ.get("NUMBA_CPU_NAME") in set(LEVELS).difference(
-        cpu_levels()
-    ):  # a cluster's login node set it
+    if os.environ.get("NUMBA_CPU_NAME") in {*LEVELS} - {*cpu_levels()}:  # a cluster's login node set it
         del os.environ["NUMBA_CPU_NAME"]
     if cpu_levels() and "NUMBA_CPU_NAME" not in os.environ:
         os.environ |= {"NUMBA_CPU_NAME": cpu_levels()[-1], "NUMBA_CPU_FEATURES": ""}

@@ -179,9 +179,8 @@ def broken_package(error: Exception) -> StrandcastError | None:
     A package that is not in the list of installed ones is left out: a robot's computer has few of them.
     """
     names = [name for name in PROBES if installed_version(name) is not None]
-    used = [
-        name for name in names if top_module(name) in sys.modules
-    ]  # the error comes from one of them, mostly
+    # Mostly, the error comes from one of these.
+    used = [name for name in names if top_module(name) in sys.modules]
     faults = _faults(used) or _faults(name for name in names if name not in used)
     if not faults:
         return None

@@ -18,9 +18,8 @@ MOST_BYTES = 1 << 17  # twice what a plane of 1024 markers takes
 MOST_EVENTS = 20_000  # likewise; ruamel.yaml reads them in 3 s
 MOST_LEVELS = 12  # twice the levels of the deepest setting
 TAGS = {f"tag:yaml.org,2002:{name}" for name in ("str", "int", "float", "bool", "null", "seq", "map")}
-MOST_DOTS = (
-    1000  # in a line; tomllib takes 3 min for one key of 65,000 parts, and 3 s for a file of such keys
-)
+# In a line: tomllib takes 3 min for one key of 65,000 parts, and 3 s for a file of such keys.
+MOST_DOTS = 1000
 
 
 class BoundError(ValueError):

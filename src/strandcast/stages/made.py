@@ -63,9 +63,8 @@ def changes_since_made(files: Files, inputs: Iterable[str] | None = None) -> lis
 def changed_files(files: Files) -> list[str]:
     """Return the inputs of a job that are not those that its results were made from."""
     note, root = _read(_place(files)), files.job.context.folder.root
-    return (
-        [] if note is None else _changed(root, note, {relative_to(root, path) for path in files.all_inputs()})
-    )
+    inputs = {relative_to(root, path) for path in files.all_inputs()}
+    return [] if note is None else _changed(root, note, inputs)
 
 
 def _changed(root: Path, note: dict[str, Any], inputs: set[str]) -> list[str]:

@@ -54,9 +54,8 @@ class Display:
             cause = event.get("cause") or self._cause
             self.say(f"{job.subject}: {job.stage} failed{cause}{log}")
         elif event["event"] == "message":
-            status = EXIT_STATUS.search(
-                event["text"]
-            )  # of a job: it has said why it failed, unless it was killed
+            # Of a job: it has said why it failed, unless it was killed.
+            status = EXIT_STATUS.search(event["text"])
             if status is not None:
                 code = int(status[1])
                 self._cause = f": it was killed ({signal_name(code)})" if code > SIGNALLED else ""
@@ -152,9 +151,8 @@ def display_for(state: RunState) -> Display:
     from rich.console import Console
 
     console = Console(stderr=True)
-    return (
-        Display(state) if console.is_dumb_terminal or not console.is_terminal else LiveDisplay(state, console)
-    )
+    is_live = console.is_terminal and not console.is_dumb_terminal
+    return LiveDisplay(state, console) if is_live else Display(state)
 
 
 def expectation(job: StageRun, took_s: float) -> str:

@@ -188,9 +188,8 @@ def put_aside(context: Context, trial: TrialFolder, reason: str) -> Path:
         if path.name not in PLANNED:
             made.mkdir(exist_ok=True)
             shutil.move(path, made / path.name)
-    note = Path(
-        "made", "plan.json"
-    )  # as long as it says what the motion was made from, it is not planned again
+    # As long as this says what the motion was made from, it is not planned again.
+    note = Path("made", "plan.json")
     if (made / note).is_file():
         (trial.results / note).parent.mkdir()
         shutil.move(made / note, trial.results / note)
