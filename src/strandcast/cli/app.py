@@ -14,7 +14,7 @@ from typer.exceptions import TyperException
 
 from strandcast import __version__
 from strandcast.cli.checks import boards, check, doctor, new, preview, verify
-from strandcast.cli.exchange import export_motion, import_joints, import_track, import_views
+from strandcast.cli.exchange import import_joints, import_track, import_views
 from strandcast.cli.exclusions import exclude, include
 from strandcast.cli.exports import EXPORTS
 from strandcast.cli.film import film
@@ -115,19 +115,15 @@ def options(
         raise typer.Exit
 
 
-importing = typer.Typer(no_args_is_help=True)
-importing.command("joints", cls=PlainCommand)(import_joints)
-importing.command("track", cls=PlainCommand)(import_track)
-importing.command("views", cls=PlainCommand)(import_views)
-exporting = typer.Typer(no_args_is_help=True)
-exporting.command("motion", cls=PlainCommand)(export_motion)
-for name, export in EXPORTS.items():
-    exporting.command(name, cls=PlainCommand)(export)
-
 # The help lists groups and commands in this order; commands that have commands of their own come last.
 DAILY, SET_UP, CARE = "Every day", "Setting up", "Looking after files"
 STAGES, EXCHANGE = "Single stages", "Data exchange"
 
+IMPORTS: dict[str, Callable[..., Any]] = {
+    "joints": import_joints,
+    "track": import_track,
+    "views": import_views,
+}
 GROUPS: dict[str, tuple[Callable[..., None], ...]] = {
     DAILY: (new, check, status, run, play, throw, exclude, include, predict, together),
     SET_UP: (doctor, docs, explain, boards, preview),
@@ -151,12 +147,14 @@ app.add_typer(
 # Commands of version 0.2, accepted by 0.3.
 OTHERS = ["summary", "campaign", *(name for name in stage_commands() if name not in CALLED_BY_NAME)]
 FORMER = {name: f"stage {name}" for name in OTHERS} | {"schema": "docs schema", "unlock": "run --unlock"}
-app.add_typer(
-    importing, name="import", help="Import data that was measured elsewhere.", rich_help_panel=EXCHANGE
-)
-app.add_typer(
-    exporting,
-    name="export",
-    help="Export motions, trials and strings for other programs.",
-    rich_help_panel=EXCHANGE,
-)
+
+
+def _add_group(name: str, text: str, commands: dict[str, Callable[..., Any]]) -> None:
+    group = typer.Typer(no_args_is_help=True)
+    for each, command in commands.items():
+        group.command(each, cls=PlainCommand)(command)
+    app.add_typer(group, name=name, help=text, rich_help_panel=EXCHANGE)
+
+
+_add_group("import", "Import data that was measured elsewhere.", IMPORTS)
+_add_group("export", "Export motions, trials and strings for other programs.", EXPORTS)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from strandcast.cli.common import ROOT, AsJson, ExperimentName, TrialNumber, show
+from strandcast.cli.exchange import export_motion
 
 if TYPE_CHECKING:
     from strandcast.api import TrialView
@@ -122,6 +123,7 @@ def _trial(experiment: str, trial: int) -> "TrialView":
 
 
 EXPORTS: dict[str, Callable[..., Any]] = {
+    "motion": export_motion,
     "csv": export_csv,
     "mjcf": export_mjcf,
     "rerun": export_rerun,
