@@ -29,16 +29,16 @@ def strings(as_json: AsJson = False) -> None:
     rows, unread = [], []
     for name in project:
         try:
-            if (row := fitted_string(project[name])) is not None:
+            if (row := _fitted_string(project[name])) is not None:
                 rows.append(row)
         except StrandcastError as problem:
             unread.append(str(problem))
-    lines = [line for row in rows for line in lines_of(row)]
+    lines = [line for row in rows for line in _string_lines(row)]
     lines = lines or ["no string has been fitted here: `strandcast run EXPERIMENT` fits one"]
     show(as_json, {"strings": rows, "unread": unread}, [*lines, *unread])
 
 
-def fitted_string(experiment: Any) -> dict[str, Any] | None:
+def _fitted_string(experiment: Any) -> dict[str, Any] | None:
     """Return what an experiment knows of its string, by its newest fit; None before the first."""
     trials = experiment.trials.items()
     fitted = [number for number, trial in trials if (trial.folder.results / "estimate.json").is_file()]
@@ -64,7 +64,7 @@ def fitted_string(experiment: Any) -> dict[str, Any] | None:
     }
 
 
-def lines_of(row: dict[str, Any]) -> list[str]:
+def _string_lines(row: dict[str, Any]) -> list[str]:
     """Return a string's row in words."""
     known = [f"{1e3 * row['length_m']:.0f} mm long"]
     if row["thickness_m"]:
@@ -130,9 +130,8 @@ def _rig_lines(experiment: str, state: Any) -> Iterator[str]:
     else:
         rows = ([cell.replace("[", r"\[") for cell in row] for row in offset_rows(state.offsets))
         yield from table_lines(f"{experiment}: the arm's file against the video", HEADS, rows)
-        yield from [f"warning: {words}" for words in state.offsets.warnings] or [
-            offsets_finding(state.offsets)
-        ]
+        warnings = [f"warning: {words}" for words in state.offsets.warnings]
+        yield from warnings or [offsets_finding(state.offsets)]
     for repeat in state.repeats:
         pair = f"trials {repeat.trials[0]} and {repeat.trials[1]}"
         yield f"{pair} repeat a motion: the tips were {1e3 * repeat.tip_m:.1f} mm apart (rms)"

@@ -43,8 +43,8 @@ def status(
     data: dict[str, Any] = {
         "experiments": [asdict(one) | {"damaged": [each._asdict() for each in one.damaged]} for one in found],
         "problems": [each.to_json() for each in refused],
+        "overlooked": [each.to_json() for each in overlooked],
     }
-    data["overlooked"] = [each.to_json() for each in overlooked]
     show(as_json, data, (line for one in found for line in _lines(one)))
     for message in (*map(str, refused), *(each.message("WARNING") for each in overlooked)):
         print(message, file=sys.stderr)

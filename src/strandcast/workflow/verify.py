@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Literal, NamedTuple
+from typing import Literal, NamedTuple, get_args
 
 from strandcast.core.trial_names import in_trial_order
 from strandcast.errors import INTEGRITY, StrandcastError
@@ -16,7 +16,7 @@ from strandcast.records.provenance import current_versions
 from strandcast.records.verified import READERS, Verified
 
 State = Literal["damaged", "misplaced", "missing", "outdated", "versions"]
-ORDER: tuple[State, ...] = ("damaged", "misplaced", "missing", "outdated", "versions")
+ORDER: tuple[State, ...] = get_args(State)
 STATES: dict[str, State] = {MISPLACED: "misplaced", OUTDATED: "outdated"}
 
 
