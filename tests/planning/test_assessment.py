@@ -3,7 +3,7 @@
 import numpy as np
 
 from strandcast.core.objectives import AimedPoint
-from strandcast.planning.approach import closest_approach, segment_distance
+from strandcast.planning.approach import closest_approaches, segment_distance
 from strandcast.planning.assessment import Assessment, Room, assess
 from strandcast.planning.rollouts import Rollouts
 from strandcast.planning.simulated_misses import simulated_miss
@@ -57,8 +57,9 @@ def test_distance_to_a_segment_not_to_its_line() -> None:
 
 def test_the_miss_is_to_the_path_between_samples() -> None:
     tip = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [5.0, 1.0], [5.0, 5.0]])
-    np.testing.assert_allclose(closest_approach(tip, 4, 3.0, 1.25), (0.25, 3))
-    np.testing.assert_allclose(closest_approach(tip, 2, 3.0, 1.0), (2.0, 2))
+    for last, place, expected in ((4, (3.0, 1.25), (0.25, 3)), (2, (3.0, 1.0), (2.0, 2))):
+        found = closest_approaches(tip[None], np.array([last]), np.array(place))
+        np.testing.assert_allclose(np.ravel(found), expected)
 
 
 def test_the_window_ends_where_specified() -> None:

@@ -24,7 +24,7 @@ from strandcast.errors import StrandcastError
 from strandcast.executor.checks import check_motion
 from strandcast.planning import local_search, motion_descent
 from strandcast.planning import plan as plan_module
-from strandcast.planning.approach import closest_approach
+from strandcast.planning.approach import closest_approaches
 from strandcast.planning.assessment import Assessment, assess_rollouts
 from strandcast.planning.bezier import Curve, rest_heights
 from strandcast.planning.capsules import start_violation_m
@@ -80,6 +80,11 @@ def unknown(strings: StringBatch) -> StringBatch:
     return StringBatch(parameters, strings.masses[1:2] * [[0.8] * 9 + [0.5]], unlike)
 
 
+def nearest_m(tip_m: np.ndarray, target_m: np.ndarray) -> float:
+    (away_m,), _ = closest_approaches(tip_m[None], np.array([len(tip_m) - 1]), target_m)
+    return float(away_m)
+
+
 def thrown_for_real(task: PlanningTask, unknown: StringBatch, plan: PlannedMotion, trial: int) -> PastTrial:
     """Throw with the unknown string and another servo; track the tip with 0.7 mm of noise."""
     rng = np.random.default_rng(trial)
@@ -88,7 +93,7 @@ def thrown_for_real(task: PlanningTask, unknown: StringBatch, plan: PlannedMotio
     q = respond(TRUE_SERVO, time_s, command)
     points = simulate_rollouts(task, unknown, RolloutConditions(), q, last).points_m[0]
     seen = points + rng.normal(0.0, 0.0007, points.shape)
-    miss, _ = closest_approach(np.ascontiguousarray(points[:, -1]), int(last[0]), *task.target_m)
+    miss = nearest_m(points[:, -1], task.target_m)
     measured = q[0] + rng.normal(0.0, 0.0005, q[0].shape)
     return past_trial(record, task.step_s, (time_s, measured), (time_s, seen), miss)
 
@@ -188,7 +193,7 @@ def test_a_rehearsal_shows_joints_that_are_not_as_the_arms_file_says(
     def missed_m(plan: PlannedMotion) -> float:
         _, q, last = joints(plan)
         tips = simulate_rollouts(task, strings.first(1), RolloutConditions(), q, last).points_m[0, :, -1]
-        return closest_approach(np.ascontiguousarray(tips), int(last[0]), *task.target_m)[0]
+        return nearest_m(tips, task.target_m)
 
     time_s, q, _ = joints(first)
     nothing_seen = np.zeros(0), np.zeros((0, 2, 2))
@@ -213,7 +218,7 @@ def test_the_second_throw_hits_a_string_that_was_unknown(
     k = int(np.argmax(speed))
     across = np.array([[0.0, -1.0], [1.0, 0.0]]) @ (tip[k + 3] - tip[k - 3])
     beside = [tip[k] + aside_m * across / np.hypot(*across) for aside_m in (-0.05, 0.05)]
-    away = [closest_approach(tip, len(tip) - 1, *place)[0] for place in beside]
+    away = [nearest_m(tip, place) for place in beside]
     # So wide a hit keeps the search near the trial.
     moved = replace(task, target_m=beside[int(np.argmax(away))], hit_radius_m=0.5)
     plan = planned_next(moved, strings, replace(trial, miss_m=max(away)), evaluations=1920)
@@ -256,11 +261,11 @@ def test_a_hidden_closest_approach_does_not_hide_a_good_throw(
     blind = replace(trial, tip_m=np.full_like(dark, np.nan), miss_m=None)
     start, last = RolloutConditions(start_m=trial.start_m), np.array([len(dark) - 1])
     alone = simulate_rollouts(task, strings.take([0]), start, trial.q_rad[None], last)
-    miss, _ = closest_approach(alone.points_m[0, :, -1], len(dark) - 1, *task.target_m)
-    np.testing.assert_allclose(likely_miss_m(task, strings, blind), miss)
+    miss_m = nearest_m(alone.points_m[0, :, -1], task.target_m)
+    np.testing.assert_allclose(likely_miss_m(task, strings, blind), miss_m)
     # The bias beside the gap is that in it.
     low = trial.tip_m - np.array([0.0, 0.03])
-    passed, _ = closest_approach(low, len(low) - 1, *task.target_m)
+    passed = nearest_m(low, task.target_m)
     assert passed > 0.015
     lower = replace(hidden, tip_m=dark - np.array([0.0, 0.03]))
     np.testing.assert_allclose(likely_miss_m(task, strings, lower), passed, atol=0.004)

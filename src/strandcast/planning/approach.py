@@ -43,17 +43,6 @@ def _side(a: np.ndarray, b: np.ndarray, p: np.ndarray) -> float:
     return result
 
 
-@njit(cache=True)
-def closest_approach(tip: np.ndarray, last: int, x: float, y: float) -> tuple[float, int]:
-    """Least distance of the target to the path of tip (T, 2) up to sample `last`, and the sample after it."""
-    best, index = np.inf, 0
-    for t in range(1, last + 1):
-        d = segment_distance(x, y, tip[t - 1, 0], tip[t - 1, 1], tip[t, 0], tip[t, 1])
-        if d < best:
-            best, index = d, t
-    return best, index
-
-
 def approaches(kernel: Callable[..., None], count: int, *given: object) -> Approaches:
     """Return what a kernel finds: (B,) least distances or infinity, and (B,) the samples after them."""
     miss, index = np.full(count, np.inf), np.zeros(count, np.int64)
@@ -64,13 +53,6 @@ def approaches(kernel: Callable[..., None], count: int, *given: object) -> Appro
 def closest_approaches(paths: np.ndarray, last: np.ndarray, target: np.ndarray) -> Approaches:
     """Return the closest approaches of paths (B, T, 2 or 3) to a place (2 or 3,)."""
     return approaches(_closest_approaches, len(paths), np.ascontiguousarray(paths), last, target)
-
-
-def tip_approaches(
-    points: np.ndarray, tip_bias: np.ndarray, last: np.ndarray, x: float, y: float
-) -> Approaches:
-    """Return the closest approaches of the tips of strings (B, T, n+1, 2), bias (B, T, 2) added."""
-    return approaches(_tip_approaches, len(points), points, tip_bias, last, x, y)
 
 
 def bar_approaches(tips: np.ndarray, last: np.ndarray, ends: np.ndarray) -> Approaches:
@@ -104,26 +86,6 @@ def _closest_approaches(
             away = math.sqrt(away2)
             if away < miss[b]:
                 miss[b], index[b] = away, t
-
-
-@njit(cache=True, nogil=True)
-def _tip_approaches(
-    first: int,
-    end: int,
-    points: np.ndarray,
-    tip_bias: np.ndarray,
-    last: np.ndarray,
-    x: float,
-    y: float,
-    miss: np.ndarray,
-    index: np.ndarray,
-) -> None:
-    tip = np.empty((points.shape[1], 2))
-    for b in range(first, end):
-        for t in range(len(tip)):
-            for axis in range(2):
-                tip[t, axis] = points[b, t, -1, axis] + tip_bias[b, t, axis]
-        miss[b], index[b] = closest_approach(tip, last[b], x, y)
 
 
 @njit(cache=True, nogil=True)

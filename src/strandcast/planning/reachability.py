@@ -34,12 +34,7 @@ def goals(objective: Objective) -> list[Goal]:
 
 
 @goals.register
-def _point_in_space_goals(objective: PointInSpace) -> list[Goal]:
-    return [Goal(np.array([objective.target_m]), WHOLE_STRING)]
-
-
-@goals.register
-def _point_goals(objective: AimedPoint) -> list[Goal]:
+def _point_goals(objective: AimedPoint | PointInSpace) -> list[Goal]:
     return [Goal(np.array([objective.target_m]), WHOLE_STRING)]
 
 

@@ -19,12 +19,7 @@ from strandcast.core.objectives import (
     SwingObjective,
 )
 from strandcast.errors import StrandcastError
-from strandcast.planning.approach import (
-    approaches,
-    bar_approaches,
-    segment_distance,
-    tip_approaches,
-)
+from strandcast.planning.approach import approaches, bar_approaches, segment_distance
 from strandcast.planning.rollouts import Miss, Rollouts
 
 
@@ -43,29 +38,19 @@ def simulated_miss(objective: Objective, rollouts: Rollouts) -> Miss:
 
 
 @simulated_miss.register
-def _point_miss(objective: AimedPoint, rollouts: Rollouts) -> Miss:
-    """Return the least distance of the tip's path; a wrong velocity counts as distance."""
-    x, y = objective.target_m
-    if not objective.has_velocity:
-        miss: Miss = tip_approaches(rollouts.points_m, rollouts.tip_bias_m, rollouts.last, x, y)
-    else:
-        tips = rollouts.tip_m()
-        given = tips, rollouts.last, _passage(objective), rollouts.step_s
-        miss = approaches(_velocity_approaches, len(tips), *given)
-    return miss
-
-
-@simulated_miss.register
-def _point_in_space_miss(objective: PointInSpace, rollouts: Rollouts) -> Miss:
-    """Return the least distance of the tip's path."""
-    return rollouts.nearest(rollouts.tip_m(), objective.target_m)
+def _point_miss(objective: AimedPoint | PointInSpace, rollouts: Rollouts) -> Miss:
+    """Return the least distance of the tip's path; in a plane, a wrong velocity counts as distance."""
+    tips = rollouts.tip_m()
+    if isinstance(objective, PointInSpace) or not objective.has_velocity:
+        return rollouts.nearest(tips, objective.target_m)
+    given = tips, rollouts.last, _passage(objective), rollouts.step_s
+    return approaches(_velocity_approaches, len(tips), *given)
 
 
 @simulated_miss.register
 def _segment_miss(objective: SegmentObjective, rollouts: Rollouts) -> Miss:
     """Return the least distance between the tip's path and the bar."""
-    miss: Miss = bar_approaches(rollouts.tip_m(), rollouts.last, np.array(objective.ends_m, float))
-    return miss
+    return bar_approaches(rollouts.tip_m(), rollouts.last, np.array(objective.ends_m, float))
 
 
 @simulated_miss.register

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from strandcast.arm.load import load_arm
-from strandcast.planning.approach import closest_approach
+from strandcast.planning.approach import closest_approaches
 from strandcast.planning.bezier import Curve
 from strandcast.planning.local_search import Neighbourhood, neighbourhood, rollouts_near
 from strandcast.planning.paths import paths_of_any
@@ -76,8 +76,9 @@ def rows_of(root: Path, name: str) -> list[dict[str, Any]]:
         row: dict[str, Any] = {"experiment": name, "distance_rad_s": float(distance)}
         for how, corrected in (("carried_m", True), ("fitted_m", False)):
             path = predicted_path(task, near, curve, corrected=corrected)
-            _, at = closest_approach(path, len(path) - 1, *task.target_m)
-            row[how] = float(closest_approach(real, len(real) - 1, *path[at])[0])
+            _, (at,) = closest_approaches(path[None], np.array([len(path) - 1]), task.target_m)
+            (away_m,), _ = closest_approaches(real[None], np.array([len(real) - 1]), path[at])
+            row[how] = float(away_m)
         rows.append(row)
     return rows
 
