@@ -15,7 +15,6 @@ from pydantic import ValidationError
 from threadpoolctl import threadpool_limits
 
 from strandcast.arm.load import Arm, load_arm
-from strandcast.arm.yielding_joints import follow
 from strandcast.config.experiment import Experiment
 from strandcast.dynamics.physical import simulate
 from strandcast.errors import StrandcastError
@@ -253,8 +252,8 @@ class FittedString:
         trajectory = played.trajectory().resampled(task.step_s)
         time_s, q_rad, last = commands([trajectory], task.step_s)
         conditions = RolloutConditions(servo_of(self.record.servo))
-        followed = q_rad if conditions.servo is None else follow(conditions.servo, time_s, q_rad)
-        points_m = simulate_rollouts(task, strings, conditions, followed, last).points_m
+        q_rad = conditions.followed(q_rad, task.step_s)
+        points_m = simulate_rollouts(task, strings, conditions, q_rad, last).points_m
         member, sample, point = (index.ravel() for index in np.indices(points_m.shape[:3]))
         columns = (member, time_s[sample], point, *points_m.reshape(-1, points_m.shape[-1]).T)
         frame = pd.DataFrame(dict(zip(SIMULATED_UNITS, columns, strict=False)))

@@ -27,6 +27,7 @@ from strandcast.planning import plan as plan_module
 from strandcast.planning.approach import closest_approaches
 from strandcast.planning.assessment import Assessment, assess_rollouts
 from strandcast.planning.bezier import Curve, rest_heights
+from strandcast.planning.bias_correction import likely_miss_m
 from strandcast.planning.capsules import start_violation_m
 from strandcast.planning.cost import CLEARANCE_M, OUTSIDE_COST, rollout_cost
 from strandcast.planning.describe import prediction_flags, stopped_outside_m, touch_of_links_m
@@ -35,7 +36,6 @@ from strandcast.planning.miss_calibration import LEVELS, MissDistribution
 from strandcast.planning.motion_descent import MotionResiduals, descend_motion, motion_residuals
 from strandcast.planning.past_trials import PastTrial, past_trial
 from strandcast.planning.plan import PlannedMotion, likeliest, plan_first, plan_next, predicted
-from strandcast.planning.ranking import likely_miss_m
 from strandcast.planning.rollouts import (
     RolloutConditions,
     Rollouts,

@@ -19,9 +19,9 @@ from strandcast.core.objectives import (
 from strandcast.core.strings import StringBatch
 from strandcast.errors import StrandcastError
 from strandcast.planning.bezier import Curve, sample
+from strandcast.planning.bias_correction import likely_miss_m
 from strandcast.planning.past_trials import PastTrial
 from strandcast.planning.plan import PlannedMotion, plan_first, plan_next
-from strandcast.planning.ranking import likely_miss_m
 from strandcast.planning.reachability import refuse_unreachable
 from strandcast.planning.rollouts import (
     RolloutConditions,

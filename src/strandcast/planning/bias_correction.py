@@ -1,14 +1,18 @@
-"""The simulation's error in past trials, as a correction of its prediction for a motion near them."""
+"""Past trials simulated on their measured joints: how near they came, and the simulation's error there.
+
+That error corrects the prediction for a motion near them.
+"""
 
 from dataclasses import dataclass
 
 import numpy as np
 
-from strandcast.arm.yielding_joints import JointResponse, follow
 from strandcast.core.strings import StringBatch
+from strandcast.dynamics.simulate import LONGEST_SEGMENT
 from strandcast.planning.bezier import Curve
 from strandcast.planning.past_trials import PastTrial, resampled
-from strandcast.planning.rollouts import RolloutConditions, simulate_rollouts
+from strandcast.planning.rollouts import RolloutConditions, Rollouts, simulate_rollouts
+from strandcast.planning.simulated_misses import simulated_miss
 from strandcast.planning.task import PlanningTask
 
 SAME_MOTION_RAD_S = 0.02  # motions nearer than this count as the same; chosen
@@ -80,26 +84,25 @@ def distance_rad_s(curve: Curve, trials: list[PastTrial]) -> float:
 
 
 def bias_correction(
-    task: PlanningTask, strings: StringBatch, servo: JointResponse | None, trials: list[PastTrial]
+    task: PlanningTask, strings: StringBatch, conditions: RolloutConditions, trials: list[PastTrial]
 ) -> BiasCorrection:
     """Simulate past trials as they were, and return the simulation's errors."""
-    time_s = np.arange(len(trials[0].q_rad)) * task.step_s
-    last = np.array([len(time_s) - 1])
     tips = []
     for trial in trials:
-        conditions = RolloutConditions(start_m=trial.start_m)
         swaying = strings.with_disturbances(sway=np.tile([0.0, trial.sway_rad_s], (len(strings), 1)))
-        rollouts = simulate_rollouts(task, swaying, conditions, trial.q_rad[None], last)
+        rollouts = on_measured_joints(task, swaying, trial)
         tips.append(tip_bias(trial, rollouts.points_m[:, :, -1], task.step_s))
     return BiasCorrection(
         np.array([trial.curve.heights_rad_s for trial in trials if trial.curve is not None]),
-        np.array([trial.q_rad - _response(servo, time_s, trial.q_command_rad) for trial in trials]),
+        np.array([trial.q_rad - conditions.followed(trial.q_command_rad, task.step_s) for trial in trials]),
         np.array(tips),
     )
 
 
-def _response(servo: JointResponse | None, time_s: np.ndarray, q_command_rad: np.ndarray) -> np.ndarray:
-    return q_command_rad if servo is None else follow(servo, time_s, q_command_rad)
+def on_measured_joints(task: PlanningTask, strings: StringBatch, trial: PastTrial) -> Rollouts:
+    """Simulate every string on a past trial's measured joints, from the shape at its start."""
+    conditions, last = RolloutConditions(start_m=trial.start_m), np.array([len(trial.q_rad) - 1])
+    return simulate_rollouts(task, strings, conditions, trial.q_rad[None], last)
 
 
 def tip_bias(trial: PastTrial, tips_m: np.ndarray, step_s: float) -> np.ndarray:
@@ -119,3 +122,29 @@ def tip_bias(trial: PastTrial, tips_m: np.ndarray, step_s: float) -> np.ndarray:
         if known.any():
             bias_m[:] = resampled(time_s, frame_s[known], off_m[known])
     return answer
+
+
+def likely_miss_m(task: PlanningTask, strings: StringBatch, trial: PastTrial) -> float:
+    """Return the measured miss or, where there is none, that of the best string on the same joints.
+
+    Where the tip was tracked, the bias correction takes the simulated path to the tracked one; in between,
+    the bias is interpolated.
+    """
+    if trial.miss_m is not None:
+        return trial.miss_m
+    rollouts = on_measured_joints(task, strings.take([0]), trial)
+    bias_m = tip_bias(trial, rollouts.points_m[:, :, -1], task.step_s)
+    if not np.isfinite(rollouts.points_m).all():
+        return np.inf
+    return float(simulated_miss(task.aim, rollouts.with_bias(bias_m))[0][0])
+
+
+def stable_on_past_trials(task: PlanningTask, strings: StringBatch, trials: list[PastTrial]) -> np.ndarray:
+    """Return (K,) whether each string can be simulated on the joints of all trials without diverging."""
+    stable = np.ones(len(strings), dtype=bool)
+    for trial in trials:
+        points_m = on_measured_joints(task, strings, trial).points_m
+        length_m = np.linalg.norm(np.diff(points_m, axis=2), axis=3)
+        # A comparison with NaN is false.
+        stable &= (length_m < LONGEST_SEGMENT * task.model.spacing_m).all(axis=(1, 2))
+    return stable

@@ -5,7 +5,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy
 
-from strandcast.arm.yielding_joints import follow
 from strandcast.config.plan import PlanSettings
 from strandcast.core.strings import StringBatch
 from strandcast.planning.bezier import Curve
@@ -53,7 +52,7 @@ def neighbourhood(
         The best trial, which has a curve, and all.
     """
     assert best.curve is not None
-    bias = bias_correction(task, strings, conditions.servo, comparable(trials, best.curve))
+    bias = bias_correction(task, strings, conditions, comparable(trials, best.curve))
     conditions = replace(conditions, start_m=settled(task, strings, best))
     return Neighbourhood(best.curve, strings, conditions, bias)
 
@@ -112,9 +111,7 @@ def rollouts_near(
     paths, heights
         The commanded angles and the control heights (P, J, H) of motions as long as the best one.
     """
-    time_s = np.arange(paths.q.shape[1]) * task.step_s
-    servo = near.conditions.servo
-    q = paths.q if servo is None else follow(servo, time_s, paths.q)
+    q = near.conditions.followed(paths.q, task.step_s)
     q = q + np.einsum("pn,ntj->ptj", near.bias.weights(heights), near.bias.joints_rad)
     last = paths.last + round(AFTER_END_S / task.step_s)
     rollouts = simulate_rollouts(task, near.strings, near.conditions, q, last)

@@ -14,6 +14,7 @@ from strandcast.core.disturbances import TYPICAL_SIZES
 from strandcast.core.strings import StringBatch
 from strandcast.errors import StrandcastError
 from strandcast.planning.bezier import Curve
+from strandcast.planning.bias_correction import likely_miss_m, stable_on_past_trials
 from strandcast.planning.describe import PlannedMotion, describe, most_likely, stopped_outside_m
 from strandcast.planning.global_search import search_globally
 from strandcast.planning.local_search import (
@@ -28,7 +29,6 @@ from strandcast.planning.miss_calibration import FAILED_M, UNTESTED_SHARE, Evide
 from strandcast.planning.paper import first_by_paper, later_by_paper
 from strandcast.planning.past_trials import PastTrial
 from strandcast.planning.paths import paths_of_any
-from strandcast.planning.ranking import likely_miss_m, stable_on_past_trials
 from strandcast.planning.reachability import refuse_unreachable
 from strandcast.planning.rollouts import AFTER_END_S, RolloutConditions, rollouts_of_curves
 from strandcast.planning.scenarios import crossed

@@ -39,6 +39,12 @@ class RolloutConditions:
     servo: JointResponse | None = None
     start_m: np.ndarray | None = None
 
+    def followed(self, q_command: np.ndarray, step_s: float) -> np.ndarray:
+        """Return the angles (..., T, J) that the joints take on commands every `step_s` [rad]."""
+        if self.servo is None:
+            return q_command
+        return follow(self.servo, np.arange(q_command.shape[-2]) * step_s, q_command)
+
 
 class Rollouts(NamedTuple):
     """P motions simulated with K strings each: B = P * K rollouts, motion by motion.
@@ -135,16 +141,13 @@ def rollouts_of_curves(
     task: PlanningTask, strings: StringBatch, conditions: RolloutConditions, curves: list[Curve]
 ) -> Rollouts:
     """Simulate motions, the servo's response included, with every string."""
-    time_s, q, last = commands([sample(curve, task.step_s) for curve in curves], task.step_s)
-    if conditions.servo is not None:
-        q = follow(conditions.servo, time_s, q)
-    return simulate_rollouts(task, strings, conditions, q, last)
+    _, q, last = commands([sample(curve, task.step_s) for curve in curves], task.step_s)
+    return simulate_rollouts(task, strings, conditions, conditions.followed(q, task.step_s), last)
 
 
 def rollouts_of_paths(
     task: PlanningTask, strings: StringBatch, conditions: RolloutConditions, paths: JointPaths
 ) -> Rollouts:
     """Simulate motions side by side, sampled until the end of the miss's window, with every string."""
-    time_s = np.arange(paths.q.shape[1]) * task.step_s
-    q = paths.q if conditions.servo is None else follow(conditions.servo, time_s, paths.q)
-    return simulate_rollouts(task, strings, conditions, q, paths.last + round(AFTER_END_S / task.step_s))
+    q, last = conditions.followed(paths.q, task.step_s), paths.last + round(AFTER_END_S / task.step_s)
+    return simulate_rollouts(task, strings, conditions, q, last)
