@@ -1,14 +1,17 @@
 """Problems of an arm's file, each in one sentence."""
 
+from itertools import pairwise
+
 import mujoco
 import numpy as np
 
-from strandcast.arm.extract import joints_out_of_order, joints_out_of_plane
 from strandcast.arm.settings import AnyArmKeys, ArmKeys, SpatialArmKeys
-from strandcast.arm.urdf import JointLimit, massless
+from strandcast.arm.urdf import JointLimit, massless, posed
 
 Problem = tuple[str, str, str]  # field, what is wrong, fix
+AXIS_TOLERANCE = 1e-6  # sine of a joint's tilt: beyond rounding, below any real misalignment; chosen
 TURNS = 4.0 * np.pi  # the most that a joint without a range is held at [rad]: degrees are more; chosen
+EACH_JOINT = "one number per joint of throw.joints"
 HELD_BEYOND = 1e-3  # of a range, by rounding [rad or m]; chosen
 
 
@@ -47,24 +50,11 @@ def name_problems(keys: AnyArmKeys, urdf: dict[str, JointLimit], model: mujoco.M
 def number_problems(keys: AnyArmKeys, urdf: dict[str, JointLimit]) -> list[Problem]:
     """Return lists of the wrong length, limits missing from the URDF, reversed ranges."""
     count = len(keys.throw.joints)
-    lists = {
-        "limits.acceleration_rad_s2": keys.limits.acceleration_rad_s2,
-        "limits.jerk_rad_s3": keys.limits.jerk_rad_s3,
-        "start.position_rad": keys.start.position_rad,
-        "stop.acceleration_rad_s2": keys.stop.acceleration_rad_s2,
-        "stop.jerk_rad_s3": keys.stop.jerk_rad_s3,
-        "stop.distance_rad": keys.stop.distance_rad,
-        "stop.time_s": keys.stop.time_s,
-        "guard.tracking_rad": keys.guard.tracking_rad,
-        "servo.delay_s": keys.servo.delay_s,
-        "servo.natural_frequency_rad_s": keys.servo.natural_frequency_rad_s,
-        "servo.damping_ratio": keys.servo.damping_ratio,
-        "servo.gain": keys.servo.gain,
-    }
     found = [
-        (where, f"{len(values)} numbers for {count} moving joints", "one number per joint of throw.joints")
-        for where, values in lists.items()
-        if values is not None and len(values) != count
+        (f"{table}.{key}", f"{len(values)} numbers for {count} moving joints", EACH_JOINT)
+        for table in ("limits", "start", "stop", "guard", "servo")
+        for key, values in getattr(keys, table)
+        if isinstance(values, list) and len(values) != count
     ]
     for name in keys.throw.joints:
         found += _limit_problems(keys, name, urdf[name])
@@ -125,14 +115,18 @@ def geometry_problems(keys: ArmKeys, model: mujoco.MjModel, plane: np.ndarray) -
     """Return an invalid plane, joints that do not turn in it, joints out of order."""
     if not np.allclose(plane @ plane.T, np.eye(2), atol=1e-6):
         return [("throw.plane_x, plane_y", "are not at right angles", "give two perpendicular directions")]
-    joints = tuple(keys.throw.joints)
+    data, normal = posed(model, keys.throw.held), np.cross(*plane)
+    tilts = {
+        name: float(np.arccos(min(1.0, abs(data.joint(name).xaxis @ normal)))) for name in keys.throw.joints
+    }
     return [
         (
             "throw.joints",
             f"the axis of {name!r} is {np.degrees(tilt):.1f}° off the plane's normal",
             "choose joints that are parallel, or correct throw.plane_x, plane_y or throw.held",
         )
-        for name, tilt in joints_out_of_plane(model, joints, keys.throw.held, plane).items()
+        for name, tilt in tilts.items()
+        if np.sin(tilt) > AXIS_TOLERANCE
     ] + order_problems(keys, model)
 
 
@@ -146,11 +140,18 @@ def problems_in_space(keys: SpatialArmKeys, model: mujoco.MjModel) -> list[Probl
 
 def order_problems(keys: AnyArmKeys, model: mujoco.MjModel) -> list[Problem]:
     """Return joints that are not named from the base to the hand."""
+    on_the_way, body = set(), model.body(keys.clamp.link).id
+    while body != 0:
+        on_the_way.add(body)
+        body = int(model.body_parentid[body])
+    bodies = [int(model.joint(name).bodyid[0]) for name in keys.throw.joints]
+    places = [body if body in on_the_way else 0 for body in bodies]  # parents come before their children
     return [
         (
             "throw.joints",
             f"{name!r} is not on the way from the joint before it to {keys.clamp.link!r}",
             "name the joints from the base to the hand",
         )
-        for name in joints_out_of_order(model, tuple(keys.throw.joints), keys.clamp.link)
+        for name, (before, place) in zip(keys.throw.joints, pairwise([0, *places]), strict=True)
+        if place <= before
     ]

@@ -6,7 +6,7 @@ import os
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from functools import cached_property, lru_cache
+from functools import cached_property
 from pathlib import Path
 from typing import Any, ClassVar, TypeVar
 
@@ -24,7 +24,6 @@ from strandcast.arm.checks import (
     problems_in_space,
 )
 from strandcast.arm.dynamics import Dynamics, PlanarDynamics, planar_dynamics
-from strandcast.arm.extract import extract_chain
 from strandcast.arm.joint_limits import Limits, Stop
 from strandcast.arm.kinematics import (
     PlanarChain,
@@ -32,6 +31,7 @@ from strandcast.arm.kinematics import (
     hand_poses,
     link_angles,
     link_capsules,
+    planar_chain,
 )
 from strandcast.arm.servo import Servo
 from strandcast.arm.settings import (
@@ -214,8 +214,8 @@ class Arm(ABC):
         raise TypeError(f"{self.name!r} throws in a plane")
 
     def model(self) -> mujoco.MjModel:
-        """Return MuJoCo's model of the URDF, compiled once per process."""
-        return _model(self.urdf_path, self.urdf_sha256, self.upwards)
+        """Return MuJoCo's model of the URDF."""
+        return read_model(self.urdf_path, self.urdf_sha256, self.upwards)
 
     @property
     def all_joints(self) -> tuple[str, ...]:
@@ -227,7 +227,7 @@ class Arm(ABC):
         """Return the model with the payload at the clamp's link."""
         if self.payload is None:
             return self.model()
-        return _model(self.urdf_path, self.urdf_sha256, self.upwards, self.clamp.link, self.payload)
+        return read_model(self.urdf_path, self.urdf_sha256, self.upwards, self.clamp.link, self.payload)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -335,17 +335,6 @@ class SpatialArm(Arm):
         return self
 
 
-@lru_cache(maxsize=8)
-def _model(
-    urdf_path: Path,
-    urdf_sha256: str,
-    upwards: tuple[float, ...],
-    carrier: str = "",
-    payload: Payload | None = None,
-) -> mujoco.MjModel:
-    return read_model(urdf_path, carrier, payload, upwards)
-
-
 def load_arm(path: str | Path) -> Arm:
     """Read the TOML file of an arm that throws in a plane or in space, as its keys say, and its URDF.
 
@@ -365,7 +354,7 @@ def _load_in_plane(path: Path) -> PlanarArm:
         **values,
         clamp=keys.clamp,
         plane=plane,
-        chain=extract_chain(model, tuple(keys.throw.joints), keys.throw.held, plane, keys.clamp.link),
+        chain=planar_chain(model, tuple(keys.throw.joints), keys.throw.held, plane, keys.clamp.link),
         markers=keys.markers.hand,
         marker_dictionary=keys.markers.dictionary,
     )
@@ -398,7 +387,7 @@ def _read_urdf(
     """
     urdf_path = _urdf_beside(path, keys.urdf)
     urdf_limits = read_joint_limits(urdf_path)
-    model = _model(urdf_path, sha256_file(urdf_path), UPRIGHT)
+    model = read_model(urdf_path, sha256_file(urdf_path), UPRIGHT)
     problems = name_problems(keys, urdf_limits, model)
     problems = problems or [
         *number_problems(keys, urdf_limits),

@@ -4,6 +4,7 @@ import xml.etree.ElementTree as ElementTree
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 
 import mujoco
@@ -89,15 +90,14 @@ def read_spec(path: str | Path) -> mujoco.MjSpec:
     return spec
 
 
+@lru_cache(maxsize=8)
 def read_model(
-    path: str | Path,
-    carrier: str = "",
-    payload: Payload | None = None,
-    upwards: tuple[float, ...] = (0.0, 0.0, 1.0),
+    path: Path, sha256: str, upwards: tuple[float, ...], carrier: str = "", payload: Payload | None = None
 ) -> mujoco.MjModel:
-    """Compile the URDF's links and joints (see `read_spec`), with a payload on a link.
+    """Return the URDF's links and joints (see `read_spec`), compiled once, with a payload on a link.
 
-    `upwards` is a unit vector in the frame of the root, which may be mounted on a wall or a ceiling.
+    `sha256` is the file's, `upwards` a unit vector in the frame of the root, which may be mounted on a wall
+    or a ceiling.
     """
     spec = read_spec(path)
     spec.option.gravity = spec.option.gravity[2] * np.array(upwards) + 0.0  # no zero below zero
