@@ -1,6 +1,6 @@
 """Arm and string as one MuJoCo model: the string is a chain of rigid links with bending springs."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
 import mujoco
@@ -29,6 +29,11 @@ class StringLink:
     pipe: bool
     pipe_kg: float
     weight_kg: float
+
+    @property
+    def length_m(self) -> float:
+        """Its length [m]."""
+        return self.to_m - self.from_m
 
 
 def links_of(string: PhysicalString, link_m: float = LINK_M) -> list[StringLink]:
@@ -127,24 +132,35 @@ def build_rig(
     spec = driven_arm(arm, drive, arm.plane[1], dt_s)
     links = links_of(string)
     hand = spec.body(arm.clamp.link)
-    if slip is not None:
-        hand.add_site(name="clamp", pos=held[0])
-    _hang(hand, links, string, held, slides=slip is not None)
+    _hang(hand, links, string, held)
+    if slip is None:
+        return compiled_rig(spec, arm, links, arm.plane)
+    hand.add_site(name="clamp", pos=held[0])
+    # Along the first link, which turns about the clamp. The rotor's inertia keeps the given speed.
+    spec.body("string_0").add_joint(
+        name="slide", type=mujoco.mjtJoint.mjJNT_SLIDE, axis=[1, 0, 0], armature=LOCKED_KG_M2
+    )
+    rig = compiled_rig(spec, arm, links, arm.plane)
+    return replace(
+        rig,
+        nodes=np.array([rig.model.site("clamp").id, *rig.nodes]),
+        places_m=np.array([-slip.length_m, *rig.places_m]),
+        slide=int(rig.model.joint("slide").dofadr[0]),
+    )
+
+
+def compiled_rig(spec: mujoco.MjSpec, arm: Arm, links: list[StringLink], plane: np.ndarray) -> LabRig:
+    """Return the rig of an arm with a string whose joints are named `bend_`, and its nodes `node_`."""
     model = spec.compile()
-    hinges = [f"hinge_{k}" for k in range(len(links)) if _bends(links, k)]
-    nodes = [f"node_{k}" for k in range(len(links) + 1)]
-    places_m = [0.0, *(link.to_m for link in links)]
-    if slip is not None:
-        nodes, places_m = ["clamp", *nodes], [-slip.length_m, *places_m]
+    bends = [k for k in range(model.njnt) if model.joint(k).name.startswith("bend_")]
     return LabRig(
         model=model,
         arm_dofs=dofs_of(model, arm.joints),
-        held=held_dofs(model, arm),
-        string_dofs=dofs_of(model, hinges),
-        nodes=np.array([model.site(name).id for name in nodes]),
-        places_m=np.array(places_m),
-        plane=arm.plane,
-        slide=None if slip is None else int(model.joint("slide").dofadr[0]),
+        held={int(model.joint(name).dofadr[0]): angle for name, angle in arm.held.items()},
+        string_dofs=np.flatnonzero(np.isin(model.dof_jntid, bends)),
+        nodes=np.array([model.site(f"node_{k}").id for k in range(len(links) + 1)]),
+        places_m=np.array([0.0, *(link.to_m for link in links)]),
+        plane=plane,
     )
 
 
@@ -166,69 +182,65 @@ def driven_arm(arm: Arm, drive: JointDrives, upwards: np.ndarray, dt_s: float) -
     return spec
 
 
-def held_dofs(model: mujoco.MjModel, arm: Arm) -> dict[int, float]:
-    """Return the angle [rad] of each held joint, by coordinate."""
-    return {int(model.joint(name).dofadr[0]): angle for name, angle in arm.held.items()}
+def bending_length_m(links: list[StringLink], k: int) -> float:
+    """Return how much of the string bends at the joint before link `k`: half of both links beside it [m].
 
-
-def _bends(links: list[StringLink], k: int) -> bool:
-    return k == 0 or not (links[k].pipe and links[k - 1].pipe)
+    The clamp holds the direction, so half a link bends before the first joint.
+    """
+    if k == 0:
+        return 0.5 * links[0].length_m
+    return 0.5 * (links[k].length_m + links[k - 1].to_m - links[k - 1].from_m)
 
 
 def _hang(
-    body: mujoco.MjsBody,
-    links: list[StringLink],
-    string: PhysicalString,
-    held: tuple[np.ndarray, np.ndarray],
-    *,
-    slides: bool,
+    body: mujoco.MjsBody, links: list[StringLink], string: PhysicalString, held: tuple[np.ndarray, np.ndarray]
 ) -> None:
     """Add the string's links to the hand's body, each a child of the one before."""
     place, frame = held
     quat = np.empty(4)
     mujoco.mju_mat2Quat(quat, frame.T.ravel())
     for k, link in enumerate(links):
-        length = link.to_m - link.from_m
         body = body.add_body(name=f"string_{k}", pos=place, quat=quat)
         body.add_site(name=f"node_{k}")
-        if _bends(links, k):
-            # The clamp holds the direction, so half a link bends before the first hinge.
-            reach = 0.5 * length if k == 0 else 0.5 * (length + links[k - 1].to_m - links[k - 1].from_m)
+        if k == 0 or not (link.pipe and links[k - 1].pipe):
+            reach = bending_length_m(links, k)
             stiffness = string.bending_stiffness_n_m2 / reach
             body.add_joint(
-                name=f"hinge_{k}",
+                name=f"bend_{k}",
                 type=mujoco.mjtJoint.mjJNT_HINGE,
                 axis=[0, 0, 1],
                 stiffness=[stiffness, 0, 0],
                 damping=[stiffness * DAMPING_TIME_S, 0, 0],
                 springref=string.curl_rad_m * reach,
             )
-        if slides and k == 0:
-            # Along the first link, which turns about the clamp. The rotor's inertia keeps the given speed.
-            slide = mujoco.mjtJoint.mjJNT_SLIDE
-            body.add_joint(name="slide", type=slide, axis=[1, 0, 0], armature=LOCKED_KG_M2)
-        _add_shapes(body, link, string, length)
-        place, quat = np.array([length, 0.0, 0.0]), np.array([1.0, 0.0, 0.0, 0.0])
+        add_capsule(body, link, string)
+        if link.weight_kg > 0:
+            add_weight(body, link, [link.length_m, 0.0, 0.0])
+        place, quat = np.array([link.length_m, 0.0, 0.0]), np.array([1.0, 0.0, 0.0, 0.0])
     body.add_site(name=f"node_{len(links)}", pos=place)
 
 
-def _add_shapes(body: mujoco.MjsBody, link: StringLink, string: PhysicalString, length: float) -> None:
+def add_capsule(body: mujoco.MjsBody, link: StringLink, string: PhysicalString) -> None:
+    """Add a link's string and pipe to its body, along its x axis."""
     diameter = PIPE_DIAMETER_M if link.pipe else string.diameter_m
     body.add_geom(
         type=mujoco.mjtGeom.mjGEOM_CAPSULE,
-        fromto=[0, 0, 0, length, 0, 0],
+        fromto=[0, 0, 0, link.length_m, 0, 0],
         size=[diameter / 2, 0, 0],
-        mass=string.linear_density_kg_m * length + link.pipe_kg,
+        mass=string.linear_density_kg_m * link.length_m + link.pipe_kg,
         fluid_ellipsoid=1,
     )
-    if link.weight_kg > 0:
-        body.add_geom(
-            type=mujoco.mjtGeom.mjGEOM_SPHERE,
-            pos=[length, 0, 0],
-            size=[weight_radius_m(link.weight_kg), 0, 0],
-            mass=link.weight_kg,
-            fluid_ellipsoid=1,
-        )
+
+
+def add_weight(body: mujoco.MjsBody, link: StringLink, place_m: list[float]) -> None:
+    """Add a link's ball of clay to a body, at a place (3,) in its frame [m]."""
+    body.add_geom(
+        type=mujoco.mjtGeom.mjGEOM_SPHERE,
+        pos=place_m,
+        size=[weight_radius_m(link.weight_kg), 0, 0],
+        mass=link.weight_kg,
+        fluid_ellipsoid=1,
+    )
 
 
 def weight_radius_m(mass_kg: float) -> float:

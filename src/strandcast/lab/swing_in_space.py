@@ -10,16 +10,17 @@ from scipy.spatial.transform import Rotation
 
 from strandcast.arm.load import SpatialArm
 from strandcast.arm.spatial import clamp_axes
-from strandcast.arm.urdf import dofs_of
 from strandcast.core.trajectory import JointTrajectory
 from strandcast.errors import FAILED_TRIALS, StrandcastError
 from strandcast.lab.rig import (
     LabRig,
     StringLink,
+    add_capsule,
+    add_weight,
+    bending_length_m,
+    compiled_rig,
     driven_arm,
-    held_dofs,
     links_of,
-    weight_radius_m,
 )
 from strandcast.lab.servo import JointDrives, ServoSetPoints
 from strandcast.lab.strings import DAMPING_TIME_S, PhysicalString
@@ -106,17 +107,7 @@ def _build(
     spec = driven_arm(arm, drive, UPWARDS, dt_s)
     links = links_of(string, SPATIAL_LINK_M)
     _hang(spec.body(arm.clamp.link), arm, links, string, curl_turn_rad, variation)
-    model = spec.compile()
-    balls = [int(model.joint(f"ball_{k}").dofadr[0]) for k in range(len(links))]
-    return LabRig(
-        model=model,
-        arm_dofs=dofs_of(model, arm.joints),
-        held=held_dofs(model, arm),
-        string_dofs=np.concatenate([np.arange(first, first + 3) for first in balls]),
-        nodes=np.array([model.site(f"node_{k}").id for k in range(len(links) + 1)]),
-        places_m=np.array([0.0, *(link.to_m for link in links)]),
-        plane=np.eye(3),
-    )
+    return compiled_rig(spec, arm, links, np.eye(3))
 
 
 def _hang(
@@ -136,46 +127,34 @@ def _hang(
     )
     curled = np.array([0.0, np.cos(curl_turn_rad), np.sin(curl_turn_rad)])
     for k, link in enumerate(links):
-        length = link.to_m - link.from_m
-        # The clamp holds the direction, so half a link bends before the first joint.
-        reach = 0.5 * length if k == 0 else 0.5 * (length + links[k - 1].to_m - links[k - 1].from_m)
+        reach = bending_length_m(links, k)
         stiffness = string.bending_stiffness_n_m2 / reach
         turn = Rotation.from_rotvec(string.curl_rad_m * reach * curled)
         quat = (held * turn if k == 0 else turn).as_quat(scalar_first=True)
         body = body.add_body(name=f"string_{k}", pos=place, quat=quat)
         body.add_site(name=f"node_{k}")
         body.add_joint(
-            name=f"ball_{k}",
+            name=f"bend_{k}",
             type=mujoco.mjtJoint.mjJNT_BALL,
             stiffness=[stiffness, 0, 0],
             damping=[stiffness * DAMPING_TIME_S, 0, 0],
         )
-        _add_shapes(body, link, string, length)
-        place = np.array([length, 0.0, 0.0])
+        add_capsule(body, link, string)
+        _make_sluggish(body, link, string)
+        place = np.array([link.length_m, 0.0, 0.0])
+        if link.weight_kg > 0:
+            add_weight(body.add_body(pos=place), link, [0.0, 0.0, 0.0])
     body.add_site(name=f"node_{len(links)}", pos=place)
 
 
-def _add_shapes(body: mujoco.MjsBody, link: StringLink, string: PhysicalString, length: float) -> None:
-    mass = string.linear_density_kg_m * length
-    body.add_geom(
-        type=mujoco.mjtGeom.mjGEOM_CAPSULE,
-        fromto=[0, 0, 0, length, 0, 0],
-        size=[string.diameter_m / 2, 0, 0],
-        mass=mass,
-        fluid_ellipsoid=1,
-    )
-    # A thin link would twist thousands of times a second, which no affordable step resolves and nothing
-    # excites: its inertia about itself is that across.
+def _make_sluggish(body: mujoco.MjsBody, link: StringLink, string: PhysicalString) -> None:
+    """Give a link about itself the inertia that it has across.
+
+    A thin link would twist thousands of times a second: no affordable step resolves that, nothing excites it.
+    """
+    mass = string.linear_density_kg_m * link.length_m
     body.explicitinertial, body.mass = True, mass
-    body.ipos, body.inertia = [0.5 * length, 0.0, 0.0], [mass * length**2 / 12.0] * 3
-    if link.weight_kg > 0:
-        weight = body.add_body(pos=[length, 0.0, 0.0])
-        weight.add_geom(
-            type=mujoco.mjtGeom.mjGEOM_SPHERE,
-            size=[weight_radius_m(link.weight_kg), 0, 0],
-            mass=link.weight_kg,
-            fluid_ellipsoid=1,
-        )
+    body.ipos, body.inertia = [0.5 * link.length_m, 0.0, 0.0], [mass * link.length_m**2 / 12.0] * 3
 
 
 def _at_rest_in_space(rig: LabRig, loop: ServoLoop, points: ServoSetPoints) -> np.ndarray:
@@ -185,7 +164,7 @@ def _at_rest_in_space(rig: LabRig, loop: ServoLoop, points: ServoSetPoints) -> n
     # The string hangs straight down from its first joint.
     frame = data.body("string_0").xmat.reshape(3, 3)
     down = Rotation.align_vectors([frame.T @ -UPWARDS], [[1.0, 0.0, 0.0]])[0]
-    first = int(model.joint("ball_0").qposadr[0])
+    first = int(model.joint("bend_0").qposadr[0])
     start[first : first + 4] = down.as_quat(scalar_first=True)
 
     def moved(turns: np.ndarray) -> np.ndarray:
