@@ -153,7 +153,7 @@ def paint_instant(
     for k in np.flatnonzero(actors.pipe):
         canvas.stroke(line[k : k + 2], np.array([0.5 * PIPE_DIAMETER_M * scale]), actors.tones.pipe)
     for node, radius in actors.weights:
-        canvas.stroke(line[[node, node]], np.array([radius * scale]), actors.tones.clay)
+        canvas.dot(line[node], radius * scale, actors.tones.clay)
     paint_arm(canvas, scene, q)
     if scene.in_front is not None:
         canvas.light[scene.in_front] = scene.still[scene.in_front]

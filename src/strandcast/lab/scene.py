@@ -39,6 +39,10 @@ class Canvas:
         stroke(self.cover, self.spans, line_px, half_px)
         blend(self.light, self.cover, self.spans, self.touched, tone)
 
+    def dot(self, place_px: np.ndarray, radius_px: float, tone: float) -> None:
+        """Paint a disc at a pixel (2,)."""
+        self.stroke(np.array([place_px, place_px]), np.array([radius_px]), tone)
+
     def pattern(self, corners_px: np.ndarray, cells: np.ndarray) -> None:
         """Paint a printed pattern with its corners at pixels (4, 2), clockwise from the top left."""
         rows, columns = cells.shape
@@ -107,10 +111,8 @@ def make_scene(experiment: Experiment, name: str, arm: PlanarArm) -> LabScene:
     _paint_pedestal(canvas, view, arm)
     _paint_plane_markers(canvas, view, experiment)
     for radius, tone in ((TARGET_RADIUS_M, TARGET_RIM), (0.6 * TARGET_RADIUS_M, TARGET)):
-        place = np.array([experiment.target_m])
-        canvas.stroke(
-            np.repeat(view.pixels(place), 2, axis=0), np.array([radius * view.scale_px_m(place[0])]), tone
-        )
+        place_m = np.array(experiment.target_m)
+        canvas.dot(view.pixels(place_m), radius * view.scale_px_m(place_m), tone)
     led = _paint_led(canvas, view, experiment)
     v, u = np.mgrid[: view.height_px, : view.width_px]
     radius = np.hypot(u / view.width_px - 0.5, v / view.width_px - 0.5 * view.height_px / view.width_px)
@@ -191,11 +193,7 @@ def _paint_led(canvas: Canvas, view: LabView, experiment: Experiment) -> LabLed 
             field="align.led",
             fix="move it into the workspace_m box, away from string and arm",
         )
-    canvas.stroke(
-        np.repeat(middle[None], 2, axis=0),
-        np.array([BODY_RADIUS_M * view.scale_px_m(np.array(place_m))]),
-        BODY,
-    )
+    canvas.dot(middle, BODY_RADIUS_M * view.scale_px_m(np.array(place_m)), BODY)
     return make_led(view, place_m)
 
 
@@ -241,7 +239,7 @@ def paint_arm(canvas: Canvas, scene: LabScene, q_rad: np.ndarray) -> None:
         canvas.stroke(line[k : k + 2], radii[k : k + 1] * scale, ARM)
         canvas.stroke(line[k : k + 2], RIDGE_SHARE * radii[k : k + 1] * scale, ARM_RIDGE)
     for k in range(len(points) - 1):
-        canvas.stroke(line[[k, k]], 0.8 * radii[k : k + 1] * scale, JOINT)
+        canvas.dot(line[k], 0.8 * radii[k] * scale, JOINT)
     for printed, corners in zip(scene.hand_prints, hand_corners_m(scene, q_rad), strict=True):
         canvas.pattern(scene.view.pixels(corners, printed.height_m), printed.tones)
 
