@@ -45,12 +45,11 @@ def check_motion(path: Path, motion: Motion, arm: Arm) -> JointTrajectory:
     time_s, q, qd, qdd = played.time_s, played.q_rad, played.qd_rad_s, played.qdd_rad_s2
     shape = (len(time_s), len(arm.joints))
     if len(time_s) < 2 or not (q.shape == qd.shape == qdd.shape == shape):
-        raise _refusal("SC-X004", path, "points", "are too few, or do not have one number per joint")
+        raise _refusal(path, "points", "are too few, or do not have one number per joint")
     if time_s[0] != 0.0 or not (np.diff(time_s) > 0).all():
-        raise _refusal("SC-X004", path, "points", "do not have rising times from 0")
-    if max(np.abs(qd[[0, -1]]).max(), 0) > REST_RAD_S or np.abs(qdd[[0, -1]]).max() > REST_RAD_S2:
+        raise _refusal(path, "points", "do not have rising times from 0")
+    if np.abs(qd[[0, -1]]).max() > REST_RAD_S or np.abs(qdd[[0, -1]]).max() > REST_RAD_S2:
         raise _refusal(
-            "SC-X004",
             path,
             "points",
             "the motion does not start and end at rest",
@@ -80,17 +79,13 @@ def _check_start_posture(path: Path, motion: Motion, arm: Arm) -> None:
     start, first = motion.start, motion.points[0].positions
     sizes = len(start.positions_rad), len(start.tolerance_rad)
     if sizes != (len(first), len(first)):
-        raise _refusal("SC-X004", path, "start", "does not have one number per joint")
+        raise _refusal(path, "start", "does not have one number per joint")
     away = np.abs(np.subtract(start.positions_rad, first)).max()
     if not away <= SAME_RAD:
-        raise _refusal(
-            "SC-X004", path, "start.positions_rad", f"differ from the first point by {away:.3g} rad"
-        )
+        raise _refusal(path, "start.positions_rad", f"differ from the first point by {away:.3g} rad")
     if not (np.array(start.tolerance_rad) <= arm.start_tolerance_rad).all():
         allowed = ", ".join(f"{x:g}" for x in arm.start_tolerance_rad)
-        raise _refusal(
-            "SC-X004", path, "start.tolerance_rad", f"is wider than the arm's start.position_rad, {allowed}"
-        )
+        raise _refusal(path, "start.tolerance_rad", f"is wider than the arm's start.position_rad, {allowed}")
 
 
 def _check_stated(path: Path, played: JointTrajectory) -> None:
@@ -110,7 +105,7 @@ def _check_stated(path: Path, played: JointTrajectory) -> None:
         if (off > varying + allowed).any():
             most = off[off > varying + allowed].max()
             what += f" and positions disagree by {most:.3g} {unit}"
-            raise _refusal("SC-X004", path, "points", what, f"give the {what.split()[0]} of the positions")
+            raise _refusal(path, "points", what, f"give the {what.split()[0]} of the positions")
 
 
 def _spread(values: np.ndarray, count: int) -> np.ndarray:
@@ -124,28 +119,20 @@ def _spread(values: np.ndarray, count: int) -> np.ndarray:
 def check_limits(path: Path, what: str, arm: Arm, motion: JointTrajectory) -> None:
     """Refuse a motion that exceeds the arm's limits (SC-X004)."""
     if found := violations(arm, motion):
-        raise _refusal(
-            "SC-X004",
-            path,
-            "points",
-            f"{what}: {'; '.join(map(str, found))}",
-        )
+        raise _refusal(path, "points", f"{what}: {'; '.join(map(str, found))}")
 
 
 def _check_arm(path: Path, motion: Motion, arm: Arm) -> None:
     robot = motion.robot
     if robot.file_sha256 != arm.sha256 or robot.urdf_sha256 != arm.urdf_sha256:
         raise _refusal(
-            "SC-X004",
             path,
             "robot",
             f"the motion was planned for {robot.name!r}, with versions of {arm.path.name} and "
             f"{arm.urdf_path.name} that differ from the present ones",
         )
     if tuple(motion.joint_names) != arm.joints:
-        raise _refusal(
-            "SC-X004", path, "joint_names", f"are {motion.joint_names}, the arm's are {list(arm.joints)}"
-        )
+        raise _refusal(path, "joint_names", f"are {motion.joint_names}, the arm's are {list(arm.joints)}")
 
 
 def check_reach(path: Path, arm: Arm, motion: JointTrajectory, hanging_m: float) -> Reach:
@@ -154,7 +141,6 @@ def check_reach(path: Path, arm: Arm, motion: JointTrajectory, hanging_m: float)
     outside = outside_m(arm, reach.swept_m)
     if outside > 0.0:
         raise _refusal(
-            "SC-X004",
             path,
             "points",
             f"the hand with {hanging_m:.2f} m hanging sweeps {box_words(reach.swept_m)}, if stopped at the "
@@ -173,7 +159,7 @@ def box_words(box_m: np.ndarray) -> str:
 def check_state(path: Path, arm: Arm, state: ArmState) -> None:
     """Refuse an arm whose present state does not allow it to play (SC-X005)."""
     for what, fix in _state_problems(arm, state):
-        raise _refusal("SC-X005", path, None, f"the arm cannot play: {what}", fix)
+        raise _refusal(path, None, f"the arm cannot play: {what}", fix, code="SC-X005")
 
 
 def _state_problems(arm: Arm, state: ArmState) -> Iterator[tuple[str, str]]:
@@ -201,7 +187,7 @@ def check_start(path: Path, motion: Motion, arm: Arm, state: ArmState) -> None:
     """Refuse an arm that is not at the motion's start (SC-X006), or that still moves (SC-X007)."""
     speed = float(np.abs(state.qd_rad_s).max())
     if not speed <= arm.start_velocity_rad_s:
-        raise _refusal("SC-X007", path, "start", f"the arm still moves at {speed:.4f} rad/s")
+        raise _refusal(path, "start", f"the arm still moves at {speed:.4f} rad/s", code="SC-X007")
     allowed = np.minimum(arm.start_tolerance_rad, motion.start.tolerance_rad)
     away = np.abs(state.q_rad - np.array(motion.points[0].positions))
     names = list(arm.joints) + list(state.q_held_rad)
@@ -211,10 +197,10 @@ def check_start(path: Path, motion: Motion, arm: Arm, state: ArmState) -> None:
     if not (away <= allowed).all():
         worst = int(np.argmax(away - allowed))
         raise _refusal(
-            "SC-X006",
             path,
             "start",
             f"{names[worst]} is {away[worst]:.4f} rad from its start, allowed {allowed[worst]:.4f}",
+            code="SC-X006",
         )
 
 
@@ -237,16 +223,15 @@ def await_start(path: Path, motion: Motion, arm: Arm, driver: Driver, clock: Clo
             still_since_ns = clock.now_ns()
     if first.time_s is not None and state.time_s is not None and not state.time_s > first.time_s:
         raise _refusal(
-            "SC-X005", path, None, f"the controller's clock has stopped at {state.time_s} s", "connect again"
+            path,
+            None,
+            f"the controller's clock has stopped at {state.time_s} s",
+            "connect again",
+            code="SC-X005",
         )
 
 
-def _refusal(code: str, path: Path, field: str | None, what: str, fix: str | None = None) -> StrandcastError:
-    return StrandcastError(
-        code,
-        what,
-        file=path,
-        field=field,
-        cost=NOTHING_SENT,
-        fix=fix,
-    )
+def _refusal(
+    path: Path, field: str | None, what: str, fix: str | None = None, code: str = "SC-X004"
+) -> StrandcastError:
+    return StrandcastError(code, what, file=path, field=field, cost=NOTHING_SENT, fix=fix)
