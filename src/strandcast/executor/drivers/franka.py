@@ -22,7 +22,6 @@ from strandcast.errors import ENVIRONMENT, StrandcastError
 from strandcast.executor.drivers.franka_limits import check_speeds
 from strandcast.executor.drivers.franka_link import FrankaLink
 from strandcast.executor.drivers.franka_settings import JOINTS, FrankaSettings
-from strandcast.executor.drivers.franka_states import states_table, stream_summary
 from strandcast.executor.drivers.protocol import ArmState, Recording
 from strandcast.executor.drivers.registry import driver_settings, missing_package, require_address
 from strandcast.executor.joint_mapping import ControllerJoints
@@ -163,10 +162,10 @@ class FrankaDriver:
             "host": self._settings.host,
             "realtime": self._settings.realtime,
             PACKAGE: version(PACKAGE),
-            **stream_summary(link.states, link.answers_ns),
+            **link.summary(),
         }
         try:
-            write_text(folder / STATES_FILE, states_table(link.states))
+            write_text(folder / STATES_FILE, link.states_table())
         except StrandcastError as error:  # joints.csv may still fit on the disk, and is the one that counts
             facts[STATES_FILE] = f"not written ({error.what})"
         return replace(recording, clock="Franka controller", controller=facts)

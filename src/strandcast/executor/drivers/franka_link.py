@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import csv
+import io
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -19,6 +21,7 @@ CYCLE_S = 0.001
 GAP_EASE_S = 0.05
 MAX_START_OFFSET_RAD = 0.02
 TOO_LATE_NS = 1_000_000  # one cycle
+SETTLING_STATES = 100  # to skip in the summary: the success rate is an average over as many commands
 ENDING_CYCLES = 500  # enough for an easing to end if some cycles are lost
 
 
@@ -39,7 +42,7 @@ class FrankaLink:
         self._sent = np.zeros(JOINTS)
         self._planned = self._planned_speed = np.zeros(len(moving))
         self.states: list[tuple[int, Any]] = []  # host's time [ns] and state, converted after the stream
-        self.answers_ns: list[int] = []  # from each state to its answer
+        self._answers_ns: list[int] = []  # from each state to its answer
 
     def start(self) -> None:
         """Take control; from now on the controller waits for an answer to every state."""
@@ -86,7 +89,7 @@ class FrankaLink:
         command.motion_finished = finished
         with self._detect_end():
             self._control.writeOnce(command)
-        self.answers_ns.append(time.monotonic_ns() - self.states[-1][0])
+        self._answers_ns.append(time.monotonic_ns() - self.states[-1][0])
 
     @contextmanager
     def _detect_end(self) -> Iterator[None]:
@@ -119,6 +122,34 @@ class FrankaLink:
 
     def signal(self, high: bool) -> None:
         """Do nothing: the controller has no output that its 1 kHz interface can switch."""
+
+    def summary(self) -> dict[str, str]:
+        """Return the stream's facts for run.json: success rate of commands, time to answer, peak torques."""
+        streamed = [state for _, state in self.states if state.control_command_success_rate > 0.0]
+        streamed = streamed[SETTLING_STATES:]
+        if not streamed:
+            return {}
+        least = min(state.control_command_success_rate for state in streamed)
+        p50, p99, longest = np.percentile(self._answers_ns, [50, 99, 100]) / 1e3
+        torque = np.abs([state.tau_J for state in streamed]).max(axis=0)
+        return {
+            "least_success_rate": f"{least:.2f}",
+            "answer_us": f"p50 {p50:.0f}, p99 {p99:.0f}, longest {longest:.0f}",
+            "peak_torque_n_m": " ".join(f"{value:.1f}" for value in torque),
+        }
+
+    def states_table(self) -> str:
+        """Return all seven joints' states as CSV: set point (q_d), position, speed, torque, success rate."""
+        out = io.StringIO()
+        writer = csv.writer(out, lineterminator="\n")
+        units = {"q_d": "rad", "q": "rad", "dq": "rad_s", "tau_J": "n_m"}
+        columns = [f"{key}{j}_{unit}" for key, unit in units.items() for j in range(1, JOINTS + 1)]
+        writer.writerow(["host_time_ns", "controller_time_s", *columns, "success_rate", "mode"])
+        for host_ns, state in self.states:
+            values = [repr(float(value)) for key in units for value in getattr(state, key)]
+            rate, mode = state.control_command_success_rate, state.robot_mode.name
+            writer.writerow([host_ns, repr(state.time.to_sec()), *values, rate, mode])
+        return out.getvalue()
 
 
 def _start_easing(offset_rad: np.ndarray) -> Easing:
