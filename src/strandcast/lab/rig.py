@@ -91,7 +91,7 @@ class LabRig:
     plane
         (2, 3) unit vectors of the plane of the throw; in space (3, 3), the axes themselves.
     slide
-        Coordinate along which the string leaves the clamp; None if it is held.
+        Coordinate along which the string leaves the clamp, and how it does; None if it is held.
     """
 
     model: mujoco.MjModel
@@ -101,7 +101,7 @@ class LabRig:
     nodes: np.ndarray
     places_m: np.ndarray
     plane: np.ndarray = field(repr=False)
-    slide: int | None = None
+    slide: tuple[int, SlipInClamp] | None = None
 
     def nodes_m(self, data: mujoco.MjData) -> np.ndarray:
         """Return the nodes' positions (N, 2) in the plane, or (N, 3) in space [m]."""
@@ -145,7 +145,7 @@ def build_rig(
         rig,
         nodes=np.array([rig.model.site("clamp").id, *rig.nodes]),
         places_m=np.array([-slip.length_m, *rig.places_m]),
-        slide=int(rig.model.joint("slide").dofadr[0]),
+        slide=(int(rig.model.joint("slide").dofadr[0]), slip),
     )
 
 

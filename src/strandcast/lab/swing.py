@@ -100,7 +100,6 @@ def simulate_swing(
         lambda drive, step_s: build_rig(arm, drive, hanging, held, step_s, slip),
         begin,
         step_s=step_s,
-        slip=slip,
     )
 
 
@@ -116,13 +115,12 @@ def swing_on(
     begin: Begin,
     *,
     step_s: float = STEP_S,
-    slip: SlipInClamp | None = None,
 ) -> LabSwing:
     """Simulate a throw on a rig.
 
     Parameters
     ----------
-    arm, servo, variation, command, step_s, slip
+    arm, servo, variation, command, step_s
         See `simulate_swing`; of the variation, what concerns the joints.
     make_rig
         Returns the rig from the joints' motors and the step of the integration [s].
@@ -151,7 +149,7 @@ def swing_on(
             drive.torque_n_m,
             variation.joint_zero_rad,
         )
-        recorded = _run(rig, loop, points, begin, time_s, slip)
+        recorded = _run(rig, loop, points, begin, time_s)
         if recorded is not None:
             q, qd, torque, nodes = recorded
             return LabSwing(time_s, command.q_rad, command.qd_rad_s, q, qd, torque, nodes, rig.places_m)
@@ -194,12 +192,7 @@ class ServoLoop:
 
 
 def _run(
-    rig: LabRig,
-    loop: ServoLoop,
-    points: ServoSetPoints,
-    begin: Begin,
-    time_s: np.ndarray,
-    slip: SlipInClamp | None,
+    rig: LabRig, loop: ServoLoop, points: ServoSetPoints, begin: Begin, time_s: np.ndarray
 ) -> tuple[np.ndarray, ...] | None:
     """Return angles, speeds, torques and nodes at every cycle; None if the string diverged."""
     model, dofs = rig.model, rig.arm_dofs
@@ -213,8 +206,9 @@ def _run(
     for k in range(count):
         motion[0, k], motion[1, k] = data.qpos[dofs], data.qvel[dofs]
         nodes[k] = rig.nodes_m(data)
-        if rig.slide is not None and slip is not None:
-            data.qvel[rig.slide] = slip.speed_m_s(time_s[k] + 0.5 * CYCLE_S)
+        if rig.slide is not None:
+            dof, slip = rig.slide
+            data.qvel[dof] = slip.speed_m_s(time_s[k] + 0.5 * CYCLE_S)
         motion[2, k] = data.qfrc_applied[dofs] = loop.torque(points, k, motion[0, k], motion[1, k])
         mujoco.mj_step(model, data, steps)
         if not np.abs(data.qvel).max() < DIVERGED_RAD_S:
