@@ -18,6 +18,7 @@ from strandcast.records.motion import (
     StringSet,
     points_of,
 )
+from strandcast.records.record import finite
 
 
 def to_record(
@@ -81,6 +82,7 @@ def to_record(
 
 
 def _prediction(plan: PlannedMotion, hit_radius_m: float, limits: Limits) -> Prediction:
+    peak_whole_arm = [finite(peak) for peak in plan.peaks["whole_arm"]]
     return Prediction(
         miss_m=plan.miss_m,
         ensemble_miss_m=plan.ensemble_miss_m.tolist(),
@@ -98,19 +100,14 @@ def _prediction(plan: PlannedMotion, hit_radius_m: float, limits: Limits) -> Pre
         lowest_rad=plan.motion.q_rad.min(axis=0).tolist(),
         highest_rad=plan.motion.q_rad.max(axis=0).tolist(),
         limits={
-            column.name: _known(getattr(limits, column.name))
+            column.name: [finite(limit) for limit in getattr(limits, column.name)]
             for column in fields(limits)
             if column.name != "whole_arm" or limits.whole_arm_limited.any()
         },
-        **({"peak_whole_arm": _known(plan.peaks["whole_arm"])} if limits.whole_arm_limited.any() else {}),
+        **({"peak_whole_arm": peak_whole_arm} if limits.whole_arm_limited.any() else {}),
         workspace_room_m=plan.room_m,
         peak_tip_speed_m_s=float(np.hypot.reduce(np.gradient(plan.tip_m, plan.time_s, axis=0), axis=1).max()),
         time_s=plan.time_s.tolist(),
         hand_m=plan.hand_m.tolist(),
         tip_m=plan.tip_m.tolist(),
     )
-
-
-def _known(values: np.ndarray) -> list[float | None]:
-    """Return numbers for a file: None where there is none."""
-    return [float(x) if np.isfinite(x) else None for x in values]
