@@ -111,8 +111,9 @@ def mass_problems(keys: AnyArmKeys, model: mujoco.MjModel) -> list[Problem]:
     ]
 
 
-def geometry_problems(keys: ArmKeys, model: mujoco.MjModel, plane: np.ndarray) -> list[Problem]:
+def geometry_problems(keys: ArmKeys, model: mujoco.MjModel) -> list[Problem]:
     """Return an invalid plane, joints that do not turn in it, joints out of order."""
+    plane = keys.throw.plane()
     if not np.allclose(plane @ plane.T, np.eye(2), atol=1e-6):
         return [("throw.plane_x, plane_y", "are not at right angles", "give two perpendicular directions")]
     data, normal = posed(model, keys.throw.held), np.cross(*plane)

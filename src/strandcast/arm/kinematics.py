@@ -7,7 +7,7 @@ import mujoco
 import numpy as np
 from numba import njit
 
-from strandcast.arm.settings import Clamp
+from strandcast.arm.settings import ArmKeys, Clamp
 from strandcast.arm.urdf import posed
 from strandcast.core.pose import Pose, wrapped
 from strandcast.threads import over_ranges
@@ -39,33 +39,19 @@ class PlanarChain(NamedTuple):
     signs: np.ndarray
 
 
-def planar_chain(
-    model: mujoco.MjModel, joints: tuple[str, ...], held: dict[str, float], plane: np.ndarray, link: str
-) -> PlanarChain:
-    """Return the planar chain of the moving joints up to the link that carries the clamp.
-
-    Parameters
-    ----------
-    joints
-        Names of the moving joints, from the base to the hand; all normal to the plane.
-    held
-        Angle of each other joint [rad].
-    plane
-        (2, 3) unit vectors of the plane's x and y axes in the base's frame.
-    link
-        Name of the link that carries the clamp.
-    """
-    data = posed(model, held)
-    points = np.array([data.joint(name).xanchor for name in joints] + [data.body(link).xpos]) @ plane.T
+def planar_chain(model: mujoco.MjModel, keys: ArmKeys) -> PlanarChain:
+    """Return the chain of the moving joints, the other joints held; see `checks.geometry_problems`."""
+    data, plane = posed(model, keys.throw.held), keys.throw.plane()
+    joints = [data.joint(name) for name in keys.throw.joints]
+    points = np.array([joint.xanchor for joint in joints] + [data.body(keys.clamp.link).xpos]) @ plane.T
     steps = np.diff(points, axis=0)
     lengths = np.hypot(*steps.T)
     # A link of zero length continues in the direction of the link before.
     directions = np.zeros(len(joints) + 1)
     for j, (step, length) in enumerate(zip(steps, lengths, strict=True)):
         directions[j + 1] = np.arctan2(step[1], step[0]) if length > SHORTEST_LINK_M else directions[j]
-    angles = np.diff(directions)
-    signs = np.array([np.sign(data.joint(name).xaxis @ np.cross(plane[0], plane[1])) for name in joints])
-    return PlanarChain(points[0], lengths, wrapped(angles), signs)
+    signs = np.array([np.sign(joint.xaxis @ np.cross(plane[0], plane[1])) for joint in joints])
+    return PlanarChain(points[0], lengths, wrapped(np.diff(directions)), signs)
 
 
 def link_angles(chain: PlanarChain, q: np.ndarray) -> np.ndarray:

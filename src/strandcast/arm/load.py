@@ -343,27 +343,20 @@ def load_arm(path: str | Path) -> Arm:
     and ``workspace`` has ``z_m``, too. The error reports every problem with field, value and fix.
     """
     path = Path(path)
-    return _load_in_space(path) if _throws_in_space(path) else _load_in_plane(path)
-
-
-def _load_in_plane(path: Path) -> PlanarArm:
+    if _throws_in_space(path):
+        spatial = _read_keys(path, SpatialArmKeys)
+        values, model = _read_urdf(path, spatial, problems_in_space)
+        return SpatialArm(**values, clamp=spatial.clamp, chain=spatial_chain(model, spatial))
     keys = _read_keys(path, ArmKeys)
-    plane = _plane(keys)
-    values, model = _read_urdf(path, keys, lambda model: geometry_problems(keys, model, plane))
+    values, model = _read_urdf(path, keys, geometry_problems)
     return PlanarArm(
         **values,
         clamp=keys.clamp,
-        plane=plane,
-        chain=planar_chain(model, tuple(keys.throw.joints), keys.throw.held, plane, keys.clamp.link),
+        plane=keys.throw.plane(),
+        chain=planar_chain(model, keys),
         markers=keys.markers.hand,
         marker_dictionary=keys.markers.dictionary,
     )
-
-
-def _load_in_space(path: Path) -> SpatialArm:
-    keys = _read_keys(path, SpatialArmKeys)
-    values, model = _read_urdf(path, keys, lambda model: problems_in_space(keys, model))
-    return SpatialArm(**values, clamp=keys.clamp, chain=spatial_chain(model, keys))
 
 
 def _throws_in_space(path: Path) -> bool:
@@ -379,7 +372,7 @@ def _throws_in_space(path: Path) -> bool:
 
 
 def _read_urdf(
-    path: Path, keys: AnyArmKeys, geometry: Callable[[mujoco.MjModel], list[Problem]]
+    path: Path, keys: FileKeys, geometry: Callable[[FileKeys, mujoco.MjModel], list[Problem]]
 ) -> tuple[dict[str, Any], mujoco.MjModel]:
     """Return the values of an `Arm` but for its clamp, and the URDF's model; refuse all problems.
 
@@ -392,7 +385,7 @@ def _read_urdf(
     problems = problems or [
         *number_problems(keys, urdf_limits),
         *mass_problems(keys, model),
-        *geometry(model),
+        *geometry(keys, model),
     ]
     if problems:
         raise StrandcastErrors(
@@ -476,12 +469,6 @@ def _urdf_beside(path: Path, name: str) -> Path:
             fix="copy the URDF beside the arm's file",
         )
     return urdf
-
-
-def _plane(keys: ArmKeys) -> np.ndarray:
-    plane = np.array([keys.throw.plane_x, keys.throw.plane_y], float)
-    lengths = np.linalg.norm(plane, axis=1, keepdims=True)
-    return plane / np.where(lengths > 0, lengths, 1.0)
 
 
 def _limits(keys: AnyArmKeys, urdf: list[JointLimit]) -> Limits:

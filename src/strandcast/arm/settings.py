@@ -2,6 +2,7 @@
 
 from typing import Annotated, Any
 
+import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
 from strandcast.core.hand_marker import HandMarker
@@ -30,6 +31,12 @@ class ThrowKeys(MovingJoints):
 
     plane_x: Vector3
     plane_y: Vector3
+
+    def plane(self) -> np.ndarray:
+        """Return the plane's x and y axes (2, 3) as unit vectors in the frame of the URDF's root link."""
+        axes = np.array([self.plane_x, self.plane_y], float)
+        lengths = np.linalg.norm(axes, axis=1, keepdims=True)
+        return axes / np.where(lengths > 0, lengths, 1.0)
 
 
 class AnyClamp(Keys):
