@@ -74,16 +74,9 @@ def _points(chain: PlanarChain, angles: np.ndarray) -> np.ndarray:
 
 
 def hand_pose(chain: PlanarChain, clamp: Clamp, q: np.ndarray) -> Pose:
-    """Return the hand's poses from the joint angles.
+    """Return the hand's poses (...) at joint angles (..., J) [rad].
 
-    Parameters
-    ----------
-    q
-        (..., J) joint angles [rad].
-
-    Returns
-    -------
-    Poses (...): where the string leaves the clamp, and the direction in which it leaves, not wrapped.
+    They are where the string leaves the clamp, and the direction in which it leaves, not wrapped.
     """
     angles = link_angles(chain, q)
     angle = angles[..., -1]
@@ -95,14 +88,9 @@ def hand_pose(chain: PlanarChain, clamp: Clamp, q: np.ndarray) -> Pose:
 
 
 def link_capsules(q: np.ndarray, chain: PlanarChain, clamp: Clamp, plate_m: np.ndarray) -> np.ndarray:
-    """Return both ends of each link, and of a plate between two places along the string: (..., S, 2, 2) [m].
+    """Return both ends of each link and of a plate [m]: (..., S, 2, 2) from joint angles (..., J) [rad].
 
-    Parameters
-    ----------
-    q
-        (..., J) joint angles [rad].
-    plate_m
-        (2,) the places from the clamp [m], or none.
+    The plate is between two places along the string, `plate_m` (2,) from the clamp [m], or none.
     """
     rows = np.ascontiguousarray(q, float).reshape(-1, q.shape[-1])
     ends = np.empty((len(rows), rows.shape[1] + len(plate_m) // 2, 2, 2))

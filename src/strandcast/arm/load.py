@@ -148,14 +148,7 @@ class Arm(ABC):
     def capsules(self, q: np.ndarray) -> np.ndarray:
         """Return both ends of each link, and in a plane of the plate between the outer markers.
 
-        Parameters
-        ----------
-        q
-            (..., J) joint angles [rad].
-
-        Returns
-        -------
-        (..., S, 2, 2 or 3) [m].
+        They are (..., S, 2, 2 or 3) [m], at joint angles (..., J) [rad].
         """
 
     def capsule_radii(self, clearance_m: float) -> np.ndarray:
@@ -165,16 +158,8 @@ class Arm(ABC):
     def limited_places(self, q: np.ndarray) -> np.ndarray:
         """Return flange, clamp and elbow, which controllers limit.
 
-        The elbow is where the further one of the two longest links begins.
-
-        Parameters
-        ----------
-        q
-            (..., J) joint angles [rad].
-
-        Returns
-        -------
-        (..., 3, 2 or 3) [m].
+        They are (..., 3, 2 or 3) [m], at joint angles (..., J) [rad]. The elbow is where the further one of
+        the two longest links begins.
         """
         links_m = self.capsules(q)[..., : len(self.joints), :, :]
         first_m = links_m.reshape(-1, *links_m.shape[-3:])[0]

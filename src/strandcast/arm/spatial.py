@@ -70,17 +70,7 @@ def hand_poses_in_space(
 
 
 def capsules_in_space(chain: SpatialChain, q: np.ndarray) -> np.ndarray:
-    """Return both ends of each link, from joint to joint and from the last one to the hand.
-
-    Parameters
-    ----------
-    q
-        (..., J) joint angles [rad].
-
-    Returns
-    -------
-    (..., J, 2, 3) [m].
-    """
+    """Return both ends of each link [m], the last at the hand: (..., J, 2, 3) from angles (..., J) [rad]."""
     rows = np.ascontiguousarray(q, float).reshape(-1, q.shape[-1])
     ends = np.empty((len(rows), rows.shape[1], 2, 3))
     over_ranges(len(rows), lambda first, last: _capsules(first, last, chain, rows, ends))

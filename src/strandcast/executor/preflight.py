@@ -53,8 +53,6 @@ class Preflight:
 
     Attributes
     ----------
-    motion_path, out_dir, arm, options
-        As given.
     motion
         As it will be played: slowed by the time scale.
     command

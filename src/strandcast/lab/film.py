@@ -89,12 +89,8 @@ def film_frames(
     ----------
     middles_s
         (F,) middle of each exposure since the motion's start [s].
-    exposure_s
-        Exposure time [s].
     noise_grey
         Standard deviation of the sensor's noise at grey level 128.
-    random
-        Random numbers of the noise.
     switched
         When the scene's LED is lit.
     """

@@ -75,8 +75,6 @@ class LabRig:
 
     Attributes
     ----------
-    model
-        MuJoCo's model.
     arm_dofs
         (J,) coordinates of the moving joints; all are hinges, so speeds have the same indices.
     held

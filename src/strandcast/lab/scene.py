@@ -73,12 +73,8 @@ class LabScene:
 
     Attributes
     ----------
-    view
-        The camera.
     still, gain
         (H, W) light of the still scene; vignetting.
-    arm
-        The arm.
     hand_prints
         The plate on the hand, then its markers in the order of the arm's file.
     led

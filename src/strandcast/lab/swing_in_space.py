@@ -59,14 +59,12 @@ def simulate_swing_in_space(
 
     Parameters
     ----------
-    servo
-        Name of a preset.
+    servo, command
+        See `strandcast.lab.swing.simulate_swing`.
     string
         The string, without pipes; the variation changes how it is held.
     curl_turn_rad
         Direction in which it is curled, about itself.
-    command
-        The motion, from rest to rest.
 
     Raises
     ------

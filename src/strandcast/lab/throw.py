@@ -25,10 +25,8 @@ def photograph_boards(experiment: Experiment, name: str, arm: PlanarArm, data_di
 
     Parameters
     ----------
-    experiment, name
-        The experiment, and its name, which seeds the random numbers.
-    arm
-        The arm in the scene.
+    name
+        The experiment's, which seeds the random numbers.
     data_dir
         The experiment's raw folder, ``data/<name>``.
     """
@@ -50,8 +48,6 @@ def throw(
 
     Parameters
     ----------
-    experiment, name, arm
-        As in `photograph_boards`.
     trial
         Counted from 1.
     motion_path
@@ -67,16 +63,9 @@ def throw(
 
 
 def rehearse(experiment: Experiment, name: str, arm: Arm, motion_path: Path, folder: Path) -> Run:
-    """Play a motion on the virtual rig with an empty clamp.
+    """Play a planned motion on the virtual rig with an empty clamp.
 
-    Parameters
-    ----------
-    experiment, name, arm
-        As in `photograph_boards`.
-    motion_path
-        The planned motion.
-    folder
-        It gets motion.json, joints.csv and, last, run.json.
+    The folder gets motion.json, joints.csv and, last, run.json.
     """
     driver = LabRehearsal(LabThrow(name, experiment, REHEARSAL), arm)
     return _play(motion_path, arm, driver, folder)

@@ -82,14 +82,7 @@ def draw_first(
 ) -> list[Curve]:
     """Return random motions from random postures, all within the arm's limits.
 
-    Parameters
-    ----------
-    count
-        How many.
-    prior, bounds
-        The curves to draw, and the limits of the joints.
-    may_start
-        Which of the postures (P, J) a motion may start from: (P,).
+    `may_start` returns which of the postures (P, J) a motion may start from: (P,).
 
     Raises
     ------

@@ -102,7 +102,7 @@ def descend_motion(
     residuals
         Of points (P, d).
     start
-        (d,) where to start.
+        (d,)
     free
         Number of the unknowns to change, the first ones.
     evaluations

@@ -19,8 +19,6 @@ class PastTrial:
 
     Attributes
     ----------
-    trial
-        Its number.
     curve
         The motion that was played, None if it came without control heights.
     q_command_rad, q_rad

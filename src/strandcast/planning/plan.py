@@ -59,14 +59,8 @@ def plan_first(
 
     Parameters
     ----------
-    task
-        Arm, target, workspace.
     strings
         The plausible strings.
-    settings
-        Planner and budget.
-    rng
-        Random numbers.
     rehearsal
         A motion that the arm played without the string: how its joints follow is known from there, not from
         the arm's file.
@@ -112,14 +106,14 @@ def plan_next(
 
     Parameters
     ----------
-    task, settings, rng, method
-        See `plan_first`.
     strings
         The fitted strings, the best first.
     past_trials
         The trials so far, in order.
     fit_E_m
         E of the newest trial after the fit: the model's error far from the trials; None: unknown.
+    method
+        See `plan_first`.
 
     Raises
     ------

@@ -27,15 +27,7 @@ DRAG_OF_CYLINDERS = (1.0, 2.7)
 def start_strings_in_space(
     count: int, length_m: float, layout: MassLayout, random: np.random.Generator
 ) -> StringBatch:
-    """Return plausible strings in space, for a first motion.
-
-    Parameters
-    ----------
-    count
-        How many.
-    length_m, layout
-        Free length [m], and the weights on n points.
-    """
+    """Return plausible strings in space for a first motion: a free length [m], and weights on n points."""
     n = layout.shares.shape[1]
     draw = ensemble(count, length_m, n, layout.count, random, density_kg_m=DENSITY_IN_SPACE_KG_M)
     curl, turn = random.uniform(0.0, FIRST_CURL_RAD_M, count), random.uniform(0.0, 2.0 * np.pi, count)

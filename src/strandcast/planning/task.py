@@ -25,8 +25,8 @@ class PlanningTask:
 
     Attributes
     ----------
-    arm, model
-        The arm and the fixed properties of its string.
+    model
+        The fixed properties of the string.
     target_m
         (2 or 3,) the target in the world frame [m].
     hit_radius_m

@@ -37,8 +37,6 @@ def to_record(
     ----------
     experiment, trial
         Which throw the motion is for.
-    seed
-        Seed of the planner's random numbers.
     planned_from
         Names and content hashes of the files that it was planned from.
     parent_motion_sha256

@@ -17,19 +17,15 @@ class Handover:
 
     Attributes
     ----------
-    path
-        The planned motion's file.
     motion
-        Slowed by `time_scale`; a slowed motion is another motion, with its own hash.
-    arm
-        The arm; the motion is within its limits.
+        Slowed by `time_scale`, within the arm's limits; a slowed motion is another one, with its own hash.
     planned_sha256
         Content hash of the motion as planned.
     time_scale
         How many times slower than planned; 1 is a throw.
     """
 
-    path: Path
+    path: Path  # of the planned motion
     motion: Motion
     arm: Arm
     planned_sha256: str

@@ -51,8 +51,6 @@ def stream(
         To the controller; it is finished in every case, but not closed.
     command
         The motion, from rest to rest.
-    bounds
-        The monitored bounds and the limits of the soft stop.
     rate_hz
         Rate of the controller's cycle.
     hold_s
