@@ -36,7 +36,7 @@ def planned(count: int, seed: int) -> list[tuple[PlanarArm, JointTrajectory]]:
     slow = replace(arms[0].limits, whole_arm=np.array([0.9, 1.0, 0.5, *[np.inf] * 5]))
     for arm in (*arms, replace(arms[0], limits=slow)):
         bounds = JointBounds(arm, 0.002, arm.dynamics)
-        prior = CurvePrior("rest", (0.3, 0.9), 6, 60.0)
+        prior = CurvePrior("rest", (0.3, 0.9), 60.0)
         curves = draw_first(count, prior, bounds, np.random.default_rng(seed))
         found += [(arm, sample(curve, 0.002)) for curve in curves]
     return found

@@ -15,7 +15,7 @@ STEP_S = 0.002
 
 
 def prior(reading: Reading) -> CurvePrior:
-    return CurvePrior(reading, (0.3, 0.9), 6, 60.0)
+    return CurvePrior(reading, (0.3, 0.9), 60.0)
 
 
 def drawn(arm: PlanarArm, reading: Reading, seed: int = 0, count: int = 30) -> list[Curve]:

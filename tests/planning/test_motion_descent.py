@@ -128,7 +128,7 @@ def test_a_descent_finds_a_throw_near_the_best_of_some_random_ones(task: Plannin
     rng = np.random.default_rng(1)
     strings = start_strings_in_space(2, 0.4, mass_layout(0.4, 10, [0.4]), rng)
     given = SearchInputs(task, strings, RolloutConditions(), PlanSettings(evaluations=64), rng)
-    encoding = Encoding(6, 6, (0.35, 0.9), task.step_s)
+    encoding = Encoding(6, (0.35, 0.9), task.step_s)
     best = encoding.point(screen(given, 1)[0][0])
 
     def residuals(points: np.ndarray) -> MotionResiduals:

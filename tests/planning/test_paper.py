@@ -18,7 +18,7 @@ from strandcast.planning.search import SearchInputs
 from strandcast.planning.task import PlanningTask
 
 SETTINGS = PlanSettings(duration_s=(0.2, 1.2), evaluations=256)
-PRIOR = CurvePrior("paper", (0.2, 1.2), 6, 60.0)
+PRIOR = CurvePrior("paper", (0.2, 1.2), 60.0)
 
 
 def bounds(task: PlanningTask) -> JointBounds:

@@ -84,7 +84,7 @@ def test_the_excess_of_a_joint_is_a_share_of_its_range(arm: PlanarArm) -> None:
 def test_a_motion_that_leaves_rest_at_once_keeps_the_limits_in_between(arm: PlanarArm, step_s: float) -> None:
     weak = replace(arm, limits=replace(arm.limits, acceleration_rad_s2=np.full(3, 20.0)))
     rng = np.random.default_rng(3)
-    prior = CurvePrior("paper", (0.2, 1.2), 6, 22.0)
+    prior = CurvePrior("paper", (0.2, 1.2), 22.0)
     for curve in draw_first(60, prior, JointBounds(weak, step_s), rng):
         motion = sample(curve, step_s)
         dense = motion.at(np.arange(round(1000 * motion.end_s) + 1) * 1e-3)

@@ -165,7 +165,7 @@ def test_a_descent_keeps_in_the_workspace_what_a_stop_could_carry_out(
     arm = replace(task.arm, box_m=np.array([[left, right - 0.04], [low, high]]))
     tight = replace(task, arm=arm)
     assert stopped_outside_m(tight, first.curve) == pytest.approx(0.04)
-    encoding = Encoding(3, 6, (0.35, 0.9), task.step_s)
+    encoding = Encoding(3, (0.35, 0.9), task.step_s)
     start, conditions = encoding.point(first.curve), RolloutConditions(task.arm.servo)
 
     def residuals(points: np.ndarray) -> MotionResiduals:

@@ -24,7 +24,7 @@ BATCH = 256
 # A motion that asks for too much torque is slowed by this factor, so often at most; chosen.
 SLOWED, SLOWING = 0.8, 8
 
-FREE_HEIGHTS = 6  # of each joint's velocity curve; chosen, the paper does not give its N
+FREE_HEIGHTS = 6  # of each joint's velocity curve, not zero; chosen, the paper does not give its N
 Reading = Literal["rest", "paper"]
 
 
@@ -37,15 +37,12 @@ class CurvePrior(NamedTuple):
         ``rest`` or ``paper`` (see `strandcast.planning.bezier`).
     duration_s
         Shortest and longest time of the curve [s].
-    free_heights
-        Control heights of each joint that are not zero.
     largest_slope_rad_s2
         The slopes alpha_k of eq. 1 are uniform within this.
     """
 
     reading: Reading
     duration_s: tuple[float, float]
-    free_heights: int
     largest_slope_rad_s2: float
 
 
@@ -116,7 +113,7 @@ def _by_paper(prior: CurvePrior, bounds: JointBounds, rng: np.random.Generator) 
     limits, joints = bounds.arm.limits, len(bounds.arm.joints)
     time_s = whole_steps(rng.uniform(*prior.duration_s), bounds.step_s)
     largest = prior.largest_slope_rad_s2
-    heights = paper_heights(rng.uniform(-largest, largest, (joints, prior.free_heights)), time_s)
+    heights = paper_heights(rng.uniform(-largest, largest, (joints, FREE_HEIGHTS)), time_s)
     stopped = bounds.stopping(Curve(np.zeros(joints), time_s, heights), "paper")
     if stopped is None:
         return []
@@ -136,10 +133,10 @@ def _at_rest(
 ) -> list[Curve]:
     """Return those of a batch of motions that keep the limits: eq. 1 over the inner heights, slowed."""
     limits, joints = bounds.arm.limits, len(bounds.arm.joints)
-    free, largest = prior.free_heights, prior.largest_slope_rad_s2
+    largest = prior.largest_slope_rad_s2
     times_s = whole_durations(rng.uniform(*prior.duration_s, BATCH), bounds.step_s)
-    slopes = rng.uniform(-largest, largest, (BATCH, joints, free))
-    inner = np.cumsum(slopes * times_s[:, None, None] / (free + 3), axis=2)
+    slopes = rng.uniform(-largest, largest, (BATCH, joints, FREE_HEIGHTS))
+    inner = np.cumsum(slopes * times_s[:, None, None] / (FREE_HEIGHTS + 3), axis=2)
     wild = Curves(np.zeros((BATCH, joints)), times_s, rest_heights(inner))
     paths = paths_of(wild, bounds.step_s)
     rates = [

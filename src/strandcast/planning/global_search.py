@@ -39,7 +39,6 @@ class Encoding:
     """Motions as points of a search: free heights, posture and time, each over its scale."""
 
     joints: int
-    free: int
     duration_s: tuple[float, float]
     step_s: float
 
@@ -50,11 +49,10 @@ class Encoding:
 
     def curves(self, points: np.ndarray) -> Curves:
         """Return the curves of points (P, d); times beyond the range are clipped."""
-        heights, posture, time = np.split(
-            points, [self.joints * self.free, self.joints * (self.free + 1)], axis=1
-        )
+        ends = self.joints * FREE_HEIGHTS, self.joints * (FREE_HEIGHTS + 1)
+        heights, posture, time = np.split(points, ends, axis=1)
         times_s = whole_durations(np.clip(time[:, 0] * TIME_S, *self.duration_s), self.step_s)
-        free = heights.reshape(len(points), self.joints, self.free) * HEIGHT_RAD_S
+        free = heights.reshape(len(points), self.joints, FREE_HEIGHTS) * HEIGHT_RAD_S
         return Curves(posture * POSTURE_RAD, times_s, rest_heights(free))
 
 
@@ -65,7 +63,7 @@ def search_globally(given: SearchInputs) -> tuple[Curve, int]:
     """
     task, settings, joints = given.task.rough(), given.settings, len(given.task.arm.joints)
     given = replace(given, task=task, strings=disturbed(given.strings, STRINGS, joints, given.sizes))
-    encoding = Encoding(joints, FREE_HEIGHTS, settings.duration_s, task.step_s)
+    encoding = Encoding(joints, settings.duration_s, task.step_s)
     screened, simulations = screen(given, ROUNDS[0].descents)
     starts = [encoding.point(curve) for curve in screened]
     for number, (descents, share, members) in enumerate(ROUNDS, 1):
@@ -102,7 +100,7 @@ def screen(given: SearchInputs, count: int) -> tuple[list[Curve], int]:
     task, settings, strings = given.task, given.settings, given.strings.first(SCREENED_WITH)
     drawn = draw_first(
         settings.evaluations,
-        CurvePrior("rest", settings.duration_s, FREE_HEIGHTS, LARGEST_SLOPE_RAD_S2),
+        CurvePrior("rest", settings.duration_s, LARGEST_SLOPE_RAD_S2),
         JointBounds(task.arm, task.step_s, task.dynamics),
         given.rng,
         lambda q0: start_cost(task, q0) == 0.0,

@@ -8,7 +8,7 @@ import numpy as np
 from strandcast.errors import StrandcastError
 from strandcast.planning.assessment import assess_rollouts
 from strandcast.planning.bezier import Curve
-from strandcast.planning.draw import FREE_HEIGHTS, CurvePrior, JointBounds, Reading, draw_first
+from strandcast.planning.draw import CurvePrior, JointBounds, Reading, draw_first
 from strandcast.planning.rollouts import rollouts_of_curves
 from strandcast.planning.search import SearchInputs, SearchResult
 from strandcast.planning.task import PlanningTask
@@ -36,9 +36,7 @@ def first_by_paper(given: SearchInputs) -> SearchResult:
     bounds = JointBounds(task.arm, task.step_s, task.dynamics)
 
     reading: Reading = "rest" if np.isfinite(task.arm.limits.jerk_rad_s3).any() else "paper"
-    priors = [
-        CurvePrior(reading, settings.duration_s, FREE_HEIGHTS, slope) for slope in LARGEST_SLOPES_RAD_S2
-    ]
+    priors = [CurvePrior(reading, settings.duration_s, slope) for slope in LARGEST_SLOPES_RAD_S2]
 
     def draw(count: int) -> list[Curve]:
         while len(priors) > 1:

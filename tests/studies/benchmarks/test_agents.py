@@ -32,7 +32,7 @@ STEP_S = 1.0 / ARM.log_rate_hz
 
 
 def a_curve():
-    prior = CurvePrior("rest", (0.4, 0.5), 6, 60.0)
+    prior = CurvePrior("rest", (0.4, 0.5), 60.0)
     return draw_first(1, prior, JointBounds(ARM, STEP_S, ARM.dynamics), np.random.default_rng(1))[0]
 
 
