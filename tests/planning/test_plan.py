@@ -28,8 +28,7 @@ from strandcast.planning.approach import closest_approaches
 from strandcast.planning.assessment import Assessment, assess_rollouts
 from strandcast.planning.bezier import Curve, rest_heights
 from strandcast.planning.bias_correction import likely_miss_m
-from strandcast.planning.capsules import start_violation_m
-from strandcast.planning.cost import CLEARANCE_M, OUTSIDE_COST, rollout_cost
+from strandcast.planning.cost import CLEARANCE_M, OUTSIDE_COST, rollout_cost, start_violation_m
 from strandcast.planning.describe import prediction_flags, stopped_outside_m, touch_of_links_m
 from strandcast.planning.global_search import Encoding
 from strandcast.planning.miss_calibration import LEVELS, MissDistribution
@@ -239,7 +238,7 @@ def test_the_papers_rubber_string_is_thrown_from_where_a_real_one_hangs_freely(
     rubber = StringBatch(draw.parameters, point_masses(replace(LAYOUT, tip=1.0), draw.weight_masses))
     plan = planned(task, rubber, seed)
     q0 = plan.curve.q0_rad[None]
-    assert start_violation_m(task.arm, 0.30, task.box(), CLEARANCE_M, q0)[0] == 0.0
+    assert start_violation_m(task.arm, 0.30, task.box(), q0)[0] == 0.0
     # The model stretches to more than twice the string's length; what is thrown stays in the workspace, but
     # for the millimetres after which a small search ends.
     stretch = np.hypot(*(plan.tip_m - plan.hand_m).T) / task.model.length_m

@@ -26,8 +26,7 @@ from strandcast.planning import plan as plan_module
 from strandcast.planning.approach import closest_approaches
 from strandcast.planning.assessment import Assessment, assess_rollouts
 from strandcast.planning.bezier import Curve, rest_heights
-from strandcast.planning.capsules import start_violation_m
-from strandcast.planning.cost import CLEARANCE_M
+from strandcast.planning.cost import CLEARANCE_M, start_violation_m
 from strandcast.planning.describe import PlannedMotion
 from strandcast.planning.miss_calibration import MissCalibration, miss_distribution
 from strandcast.planning.past_trials import PastTrial
@@ -118,7 +117,7 @@ def test_a_string_that_hangs_through_the_arm_or_the_floor_cannot_start(
     box = planar_arm_in_space.box_m
 
     def violation(q: list[float], box: np.ndarray = box) -> float:
-        return float(start_violation_m(planar_arm_in_space, 0.3, box, CLEARANCE_M, np.array([q]))[0])
+        return float(start_violation_m(planar_arm_in_space, 0.3, box, np.array([q]))[0])
 
     assert violation([0.0, 0.0, 0.0]) == 0.0  # stretched out sideways
     assert violation([np.pi / 2, 0.0, 0.0]) > 0.03  # upwards: over its own links

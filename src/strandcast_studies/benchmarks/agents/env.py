@@ -19,8 +19,7 @@ from strandcast.lab.swing import BEFORE_S, LabSwing, simulate_swing
 from strandcast.lab.tracked_points import TrackerNoise, points_at, with_tracker_noise
 from strandcast.lab.truth import MISS_AFTER_S, true_miss
 from strandcast.lab.variation import LabClocks, ThrowVariation, draw_variation, scatter_of
-from strandcast.planning.capsules import start_violation_m
-from strandcast.planning.cost import CLEARANCE_M
+from strandcast.planning.cost import start_violation_m
 from strandcast.seeds import rng
 from strandcast_studies.benchmarks.agents.actions import KINDS, LONGEST_S, RATE_HZ, within_limits
 from strandcast_studies.benchmarks.agents.tasks import arm_of, task_of
@@ -123,7 +122,7 @@ class ThrowEnv(gymnasium.Env):
             return None
         experiment, start = self._task.experiment, found[0].q_rad[:1]
         box = self._box()
-        deep_m = start_violation_m(self._arm, experiment.string.length_m, box, CLEARANCE_M, start)
+        deep_m = start_violation_m(self._arm, experiment.string.length_m, box, start)
         return found if deep_m[0] == 0.0 else None
 
     def _observation(self, action: np.ndarray) -> Observation:
