@@ -13,7 +13,7 @@ from strandcast.core.trajectory import JointTrajectory
 from strandcast.errors import StrandcastError
 from strandcast.planning.assessment import Assessment, assess_rollouts
 from strandcast.planning.bezier import Curve, sample
-from strandcast.planning.cost import CLEARANCE_M, rollout_cost, start_cost
+from strandcast.planning.cost import CLEARANCE_M, start_cost
 from strandcast.planning.miss_calibration import (
     IN_SPACE,
     NO_EVIDENCE,
@@ -53,9 +53,6 @@ class PlannedMotion:
     miss
         Distribution of the miss by how far such motions really missed (`miss_calibration`), None if that was
         not counted for this kind of motion.
-    cost_m
-        The rms of the undisturbed misses, plus the price of lateness, folding, leaving the workspace,
-        touching the arm and hiding the tip.
     hit_time_s, tip_speed_m_s, largest_bend_rad
         When and how fast the best string's tip comes nearest, and its largest bend until then.
     time_s, hand_m, tip_m
@@ -82,7 +79,6 @@ class PlannedMotion:
     ensemble_miss_m: np.ndarray
     throws: PredictedThrows
     miss: MissDistribution | None
-    cost_m: float
     hit_time_s: float
     tip_speed_m_s: float
     largest_bend_rad: float
@@ -154,7 +150,6 @@ def describe(
         ensemble_miss_m=assessment.miss_m,
         throws=throws,
         miss=miss,
-        cost_m=float(rollout_cost(assessment, len(strings), task.step_s)[0]),
         hit_time_s=float(time_s[assessment.hit_index[0]]),
         tip_speed_m_s=float(assessment.tip_speed_m_s[0]),
         largest_bend_rad=float(np.arccos(np.clip(1.0 - assessment.fold[0], -1.0, 1.0))),
