@@ -130,15 +130,7 @@ def _capsules(
 def hand_poses(
     q: np.ndarray, zero_rad: np.ndarray, longer_m: np.ndarray, chain: PlanarChain, clamp: Clamp
 ) -> np.ndarray:
-    """Return the hand's poses (P * K, T, 3) of joint paths (P, T, J) with K strings.
-
-    Parameters
-    ----------
-    zero_rad
-        (K, J) added to the joints' angles [rad].
-    longer_m
-        (K,) a longer string hangs out further: the hand of the nominal one is further out [m].
-    """
+    """Return the hand's poses (P * K, T, 3) of joint paths with K strings; see `arm.load.Arm.hand_poses`."""
     poses = np.empty((len(q) * len(longer_m), q.shape[1], 3))
     given = q, zero_rad, longer_m, chain, np.array(clamp.offset_m), clamp.angle_rad
     over_ranges(len(poses), lambda first, last: _hand_poses(first, last, *given, poses))

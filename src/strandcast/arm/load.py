@@ -74,14 +74,10 @@ class Arm(ABC):
     ----------
     axes
         Coordinates of a place: 2 in a plane, 3 in space.
-    name, path, urdf_path, sha256, urdf_sha256
-        Its name, its two files and their hashes.
     joints
         Names of the J joints that move, from the base to the hand.
     held
         Angle of every other joint [rad].
-    clamp
-        How the string is held.
     box_m
         (2 or 3, 2) the workspace, which hand and string must not leave: low and high of each coordinate [m].
     limits, servo
@@ -223,10 +219,6 @@ class PlanarArm(Arm):
     ----------
     plane
         (2, 3) unit vectors of the plane's x and y axes in the frame of the URDF's root link.
-    chain, clamp
-        Kinematics in the plane, and how the string is held.
-    markers, marker_dictionary
-        The ArUco markers on the hand.
     """
 
     axes = 2
@@ -280,11 +272,6 @@ class SpatialArm(Arm):
     """An arm, and how it makes a throw in space.
 
     The world frame is that of the URDF's root link, z upwards.
-
-    Attributes
-    ----------
-    chain, clamp
-        Kinematics, and how the string is held.
     """
 
     axes = 3

@@ -17,8 +17,6 @@ class HeldOut:
 
     Attributes
     ----------
-    what
-        What was held out.
     predicted_rad, measured_rad
         (T, J) the held-out part alone; constant offsets as in the fitted part.
     """

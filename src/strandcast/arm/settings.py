@@ -44,8 +44,6 @@ class AnyClamp(Keys):
 
     Attributes
     ----------
-    link
-        The link that carries the clamp.
     clamped_length_m
         String inside the clamp [m]: free length = string length - this. The file says ``swallowed_m``.
     """

@@ -62,7 +62,7 @@ def clamp_axes(clamp: SpatialClamp) -> np.ndarray:
 def hand_poses_in_space(
     chain: SpatialChain, q: np.ndarray, zero_rad: np.ndarray, longer_m: np.ndarray
 ) -> np.ndarray:
-    """Return the hand's poses (P * K, T, 9) of joint paths (P, T, J); see `arm.kinematics.hand_poses`."""
+    """Return the hand's poses (P * K, T, 9) of joint paths with K strings; see `arm.load.Arm.hand_poses`."""
     poses = np.empty((len(q) * len(longer_m), q.shape[1], HAND_POSE))
     given = chain, np.ascontiguousarray(q, float), np.ascontiguousarray(zero_rad, float), longer_m
     over_ranges(len(poses), lambda first, last: _hand_poses(first, last, *given, poses))

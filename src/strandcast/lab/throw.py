@@ -50,8 +50,6 @@ def throw(
     ----------
     trial
         Counted from 1.
-    motion_path
-        The planned motion.
     data_dir
         ``data/<name>``; ``trial-NN/`` in it gets video.mp4 or capture.csv, motion.json, joints.csv and, last,
         run.json.

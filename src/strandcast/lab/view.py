@@ -24,8 +24,6 @@ class LabView:
 
     Attributes
     ----------
-    width_px, height_px
-        Size of the picture.
     matrix
         (3, 3) pinhole [px].
     distortion

@@ -44,8 +44,6 @@ class PlannedMotion:
         The velocity curves, and the motion's points.
     strings
         The strings that it was planned with, the best first.
-    objective
-        The objective in words.
     miss_m, ensemble_miss_m
         Predicted miss with the best string, and with every string (K,), undisturbed.
     throws
@@ -65,8 +63,6 @@ class PlannedMotion:
         The trial whose motion was altered, None for a motion planned from scratch.
     simulations
         Throws simulated by the search.
-    flags
-        Warnings for the reader.
     """
 
     planner: str

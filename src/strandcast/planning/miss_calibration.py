@@ -51,8 +51,6 @@ class KindCalibration(Part):
     ----------
     made_from
         The runs with the throws that were counted.
-    throws
-        How many were counted.
     floor_m, gain
         s = floor + gain * rms of the simulated misses [m].
     counted_m

@@ -59,8 +59,6 @@ def plan_first(
 
     Parameters
     ----------
-    strings
-        The plausible strings.
     rehearsal
         A motion that the arm played without the string: how its joints follow is known from there, not from
         the arm's file.

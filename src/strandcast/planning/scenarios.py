@@ -25,8 +25,6 @@ def disturbed(
     ----------
     count
         How many; a multiple of the design's size (8 for an arm of up to three joints) uses it fully.
-    joints
-        Number J of joints.
     sizes
         (1, 5) standard deviations, in the order of `DISTURBING`.
     """

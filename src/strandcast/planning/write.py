@@ -35,8 +35,6 @@ def to_record(
 
     Parameters
     ----------
-    experiment, trial
-        Which throw the motion is for.
     planned_from
         Names and content hashes of the files that it was planned from.
     parent_motion_sha256

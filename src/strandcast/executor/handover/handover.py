@@ -19,8 +19,6 @@ class Handover:
     ----------
     motion
         Slowed by `time_scale`, within the arm's limits; a slowed motion is another one, with its own hash.
-    planned_sha256
-        Content hash of the motion as planned.
     time_scale
         How many times slower than planned; 1 is a throw.
     """
