@@ -17,7 +17,7 @@ from strandcast.planning.bezier import (
     whole_steps,
     with_stop_ramp,
 )
-from strandcast.planning.paths import WITHIN, Curves, paths_of, paths_of_any, whole_durations
+from strandcast.planning.paths import WITHIN, Curves, paths_of, paths_of_any
 
 MOST_DRAWS = 20_000  # chosen: seconds, before the limits are said to leave no room
 BATCH = 256
@@ -134,7 +134,7 @@ def _at_rest(
     """Return those of a batch of motions that keep the limits: eq. 1 over the inner heights, slowed."""
     limits, joints = bounds.arm.limits, len(bounds.arm.joints)
     largest = prior.largest_slope_rad_s2
-    times_s = whole_durations(rng.uniform(*prior.duration_s, BATCH), bounds.step_s)
+    times_s = np.rint(rng.uniform(*prior.duration_s, BATCH) / bounds.step_s) * bounds.step_s
     slopes = rng.uniform(-largest, largest, (BATCH, joints, FREE_HEIGHTS))
     inner = np.cumsum(slopes * times_s[:, None, None] / (FREE_HEIGHTS + 3), axis=2)
     wild = Curves(np.zeros((BATCH, joints)), times_s, rest_heights(inner))

@@ -1,7 +1,7 @@
 """Search for a motion from nothing: random motions, then descents from the best, over many strings."""
 
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from operator import itemgetter
 
 import numpy as np
 
@@ -10,7 +10,7 @@ from strandcast.planning.bezier import Curve, rest_heights
 from strandcast.planning.cost import start_cost
 from strandcast.planning.draw import FREE_HEIGHTS, CurvePrior, JointBounds, draw_first
 from strandcast.planning.motion_descent import HEIGHT_RAD_S, MotionResiduals, descend_motion, motion_residuals
-from strandcast.planning.paths import Curves, packed, whole_durations
+from strandcast.planning.paths import Curves, packed
 from strandcast.planning.scenarios import STRINGS, disturbed
 from strandcast.planning.search import SearchInputs
 from strandcast.progress import Progress
@@ -20,18 +20,9 @@ BATCH = 32
 SCREENED_WITH = 2  # strings
 LARGEST_SLOPE_RAD_S2 = 60.0  # of the random curves' alpha_k (eq. 1)
 POSTURE_RAD, TIME_S = 0.25, 0.06  # units of a search, beside that of the heights
-
-
-class Round(NamedTuple):
-    """Descents from the best motions so far."""
-
-    descents: int
-    share: float  # of the evaluations, of all of them
-    strings: int
-
-
+# Rounds of descents from the best motions so far: how many, their share of the evaluations, and the strings.
 # A descent from a random motion takes most of its way in a few steps.
-ROUNDS = (Round(4, 0.4, 4), Round(2, 0.25, 8), Round(1, 0.35, 16))
+ROUNDS = ((4, 0.4, 4), (2, 0.25, 8), (1, 0.35, 16))
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,7 +42,7 @@ class Encoding:
         """Return the curves of points (P, d); times beyond the range are clipped."""
         ends = self.joints * FREE_HEIGHTS, self.joints * (FREE_HEIGHTS + 1)
         heights, posture, time = np.split(points, ends, axis=1)
-        times_s = whole_durations(np.clip(time[:, 0] * TIME_S, *self.duration_s), self.step_s)
+        times_s = np.rint(np.clip(time[:, 0] * TIME_S, *self.duration_s) / self.step_s) * self.step_s
         free = heights.reshape(len(points), self.joints, FREE_HEIGHTS) * HEIGHT_RAD_S
         return Curves(posture * POSTURE_RAD, times_s, rest_heights(free))
 
@@ -64,7 +55,7 @@ def search_globally(given: SearchInputs) -> tuple[Curve, int]:
     task, settings, joints = given.task.rough(), given.settings, len(given.task.arm.joints)
     given = replace(given, task=task, strings=disturbed(given.strings, STRINGS, joints, given.sizes))
     encoding = Encoding(joints, settings.duration_s, task.step_s)
-    screened, simulations = screen(given, ROUNDS[0].descents)
+    screened, simulations = screen(given, ROUNDS[0][0])
     starts = [encoding.point(curve) for curve in screened]
     for number, (descents, share, members) in enumerate(ROUNDS, 1):
         strings = given.strings.first(members)
@@ -83,13 +74,9 @@ def search_globally(given: SearchInputs) -> tuple[Curve, int]:
             point, cost_m, tried = descend_motion(residuals, start, len(start) - 1, budget)
             optima.append((cost_m, point))
             simulations += tried * len(strings)
-            progress(done * budget, f"best cost {1000 * min(optima, key=_cost)[0]:.1f} mm")
-        starts = [point for _, point in sorted(optima, key=_cost)]
+            progress(done * budget, f"best cost {1000 * min(optima, key=itemgetter(0))[0]:.1f} mm")
+        starts = [point for _, point in sorted(optima, key=itemgetter(0))]
     return encoding.curves(starts[0][None])[0], simulations
-
-
-def _cost(optimum: tuple[float, np.ndarray]) -> float:
-    return optimum[0]
 
 
 def screen(given: SearchInputs, count: int) -> tuple[list[Curve], int]:

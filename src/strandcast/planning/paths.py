@@ -14,7 +14,7 @@ from strandcast.arm.load import Arm
 from strandcast.arm.reach import ROUGHLY_EVERY_S
 from strandcast.arm.whole_arm import whole_arm
 from strandcast.core.trajectory import JointTrajectory
-from strandcast.planning.bezier import Curve, sample, whole_steps
+from strandcast.planning.bezier import Curve, sample
 from strandcast.threads import over_ranges
 
 # Between the samples a controller goes a little further. Chosen.
@@ -250,8 +250,3 @@ def _peak(rates: np.ndarray, j: int) -> float:
     for t in range(len(rates)):
         peak = max(peak, abs(rates[t, j]))
     return peak
-
-
-def whole_durations(duration_s: np.ndarray, step_s: float) -> np.ndarray:
-    """Return durations (P,) rounded to whole steps."""
-    return np.array([whole_steps(float(d), step_s) for d in duration_s])
