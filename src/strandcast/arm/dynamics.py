@@ -30,11 +30,6 @@ class Dynamics(ABC):
     stride: ClassVar[int] = 1
     between: ClassVar[float] = 1.0
 
-    @property
-    def sampled(self) -> PlanarDynamics:
-        """The dynamics that the kernel that samples motions can evaluate at once, `NO_DYNAMICS` if none."""
-        return NO_DYNAMICS
-
     @abstractmethod
     def torques(self, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray) -> np.ndarray:
         """Return torques (T, J) [N m] for angles, speeds, accelerations (T, J).
@@ -64,11 +59,6 @@ class PlanarDynamics(Dynamics):
 
     links: np.ndarray
     gravity_m_s2: np.ndarray
-
-    @property
-    def sampled(self) -> PlanarDynamics:
-        """The dynamics themselves."""
-        return self
 
     def torques(self, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray) -> np.ndarray:
         """Return torques (T, J) [N m], see `Dynamics.torques`; zeros without links."""

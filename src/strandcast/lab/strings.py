@@ -84,18 +84,6 @@ def physical_string(experiment: Experiment) -> PhysicalString:
         SC-L003 not a lab experiment, the string's length differs from the experiment's, or it has pipes in
         space.
     """
-    string = _physical_string(experiment)
-    if string.pipes and experiment.aims_in_space:
-        raise StrandcastError(
-            "SC-L003",
-            "the string has stiff sections, and the lab's strings in space have none",
-            field="lab.string",
-            fix="leave string.stiff_sections out, and name a string without pipes (not paper-5, paper-6)",
-        )
-    return string
-
-
-def _physical_string(experiment: Experiment) -> PhysicalString:
     if experiment.lab is None:
         raise StrandcastError(
             "SC-L003",
@@ -104,16 +92,24 @@ def _physical_string(experiment: Experiment) -> PhysicalString:
             fix="add a `lab:` section, or throw on the real arm",
         )
     chosen, known = experiment.lab.string, experiment.string
-    if not isinstance(chosen, str):
+    if isinstance(chosen, str):
+        string = PAPER_STRINGS[chosen]
+    else:
         weights = tuple((w.place_m, CLAY_KG if w.mass_kg is None else w.mass_kg) for w in known.weights)
         pipes = tuple((s.from_m, s.to_m, PIPE_KG) for s in known.stiff_sections)
-        return PhysicalString(known.length_m, **chosen.model_dump(), weights=weights, pipes=pipes)
-    string = PAPER_STRINGS[chosen]
+        string = PhysicalString(known.length_m, **chosen.model_dump(), weights=weights, pipes=pipes)
     if abs(string.length_m - known.length_m) > TOLERANCE_M:
         raise StrandcastError(
             "SC-L003",
             f"{chosen} is {string.length_m} m long, the experiment says {known.length_m} m",
             field="string.length_m",
             fix=f"give length_m: {string.length_m}, or another lab.string",
+        )
+    if string.pipes and experiment.aims_in_space:
+        raise StrandcastError(
+            "SC-L003",
+            "the string has stiff sections, and the lab's strings in space have none",
+            field="lab.string",
+            fix="leave string.stiff_sections out, and name a string without pipes (not paper-5, paper-6)",
         )
     return string

@@ -9,7 +9,7 @@ from math import comb
 import numpy as np
 from numba import njit
 
-from strandcast.arm.dynamics import NO_DYNAMICS, Dynamics, chain_torques
+from strandcast.arm.dynamics import NO_DYNAMICS, Dynamics, PlanarDynamics, chain_torques
 from strandcast.arm.load import Arm
 from strandcast.arm.reach import ROUGHLY_EVERY_S
 from strandcast.arm.whole_arm import whole_arm
@@ -129,7 +129,7 @@ def paths_of(
     powers = np.ascontiguousarray(curves.heights_rad_s @ _to_powers(degree).T)
     motions, joints = powers.shape[:2]
     q, facts, effort = np.empty((motions, count, joints)), np.zeros((motions, 6, joints)), np.zeros(motions)
-    planar = dynamics.sampled
+    planar = dynamics if isinstance(dynamics, PlanarDynamics) else NO_DYNAMICS  # the kernel knows no others
     given = curves.q0_rad, powers, steps, step_s, planar.links, planar.gravity_m_s2
     over_ranges(motions, lambda first, last: _sample(first, last, *given, q, facts, effort))
     if planar is not dynamics:
