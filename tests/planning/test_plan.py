@@ -28,7 +28,7 @@ from strandcast.planning.approach import closest_approaches
 from strandcast.planning.assessment import Assessment, assess_rollouts
 from strandcast.planning.bezier import Curve, rest_heights
 from strandcast.planning.bias_correction import likely_miss_m
-from strandcast.planning.cost import CLEARANCE_M, OUTSIDE_COST, rollout_cost, start_violation_m
+from strandcast.planning.cost import OUTSIDE_COST, rollout_cost, start_violation_m
 from strandcast.planning.describe import prediction_flags, stopped_outside_m, touch_of_links_m
 from strandcast.planning.global_search import Encoding
 from strandcast.planning.miss_calibration import LEVELS, MissDistribution
@@ -635,7 +635,7 @@ def test_only_links_are_touched_and_not_the_plate_behind_the_string(
     assert rollouts.capsules_m.shape[2] == len(task.arm.joints) + 1
     rollouts.capsules_m[:] = 50.0
     rollouts.capsules_m[:, :, capsule] = rollouts.points_m[:, :, -1, None]
-    assert assess_rollouts(task, rollouts, CLEARANCE_M).touch_m[0] > 0.0
+    assert assess_rollouts(task, rollouts).touch_m[0] > 0.0
     assert (touch_of_links_m(task, rollouts)[0] > 0.0) == touched
 
 

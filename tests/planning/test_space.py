@@ -26,7 +26,7 @@ from strandcast.planning import plan as plan_module
 from strandcast.planning.approach import closest_approaches
 from strandcast.planning.assessment import Assessment, assess_rollouts
 from strandcast.planning.bezier import Curve, rest_heights
-from strandcast.planning.cost import CLEARANCE_M, start_violation_m
+from strandcast.planning.cost import start_violation_m
 from strandcast.planning.describe import PlannedMotion
 from strandcast.planning.miss_calibration import MissCalibration, miss_distribution
 from strandcast.planning.past_trials import PastTrial
@@ -61,7 +61,7 @@ def in_plane(arm: PlanarArm, strings: StringBatch) -> Assessment:
     box = Box(x_m=(-1.35, 1.35), y_m=(-1.00, 1.35))
     task = PlanningTask(arm, StringModel(0.30, 10), TARGET_M, 0.02, box)
     rollouts = rollouts_of_curves(task, strings, RolloutConditions(arm.servo), [THROW])
-    return assess_rollouts(task, rollouts, CLEARANCE_M)
+    return assess_rollouts(task, rollouts)
 
 
 def in_space(arm: SpatialArm, strings: StringBatch, chain: SpatialChain | None = None) -> Assessment:
@@ -71,7 +71,7 @@ def in_space(arm: SpatialArm, strings: StringBatch, chain: SpatialChain | None =
     chain = turned(arm.chain) if chain is None else chain
     task = PlanningTask(replace(arm, chain=chain), StringModel(0.30, 10), target_m, 0.02)
     rollouts = rollouts_of_curves(task, strings, RolloutConditions(arm.servo), [THROW])
-    return assess_rollouts(task, rollouts, CLEARANCE_M)
+    return assess_rollouts(task, rollouts)
 
 
 def test_a_planar_throw_in_a_turned_plane_misses_by_the_same(

@@ -20,6 +20,8 @@ ROUGH_STRIDE = 4  # samples between those that a search checks for bends and pla
 # Points this near the hand along the string cannot be far from the last link.
 NEIGHBOURS = 2
 FREE_OF_HAND_M = 0.06  # the same in space, where segments are shorter; chosen
+# How near the string may come to the middle of the arm's links, and at the start to a hit; chosen.
+CLEARANCE_M = 0.035
 # The tip must be visible this long before and after the closest approach. Chosen: ten frames at 500 Hz.
 VISIBLE_S = 0.02
 # No cord stretches more (chosen): a model that does says nothing about where the string will be.
@@ -75,9 +77,9 @@ class Room(NamedTuple):
     axes: tuple[int, ...]
 
 
-def assess_rollouts(task: PlanningTask, rollouts: Rollouts, clearance_m: float = 0.0) -> Assessment:
-    """Assess rollouts by the task's objective; the string may come as near to the links as `clearance_m`."""
-    room = Room(task.arm.capsule_radii(clearance_m), task.box(), tuple(range(len(task.target_m))))
+def assess_rollouts(task: PlanningTask, rollouts: Rollouts) -> Assessment:
+    """Assess rollouts by the task's objective; the string may come as near to the links as `CLEARANCE_M`."""
+    room = Room(task.arm.capsule_radii(CLEARANCE_M), task.box(), tuple(range(len(task.target_m))))
     stride = ROUGH_STRIDE if task.model.precision == "f32" else 1
     return assess(rollouts, simulated_miss(task.aim, rollouts), room, stride)
 

@@ -4,7 +4,7 @@ import numpy as np
 
 from strandcast.arm.load import Arm
 from strandcast.arm.reach import roughly_outside_m
-from strandcast.planning.assessment import Assessment
+from strandcast.planning.assessment import CLEARANCE_M, Assessment
 from strandcast.planning.paths import JointPaths
 from strandcast.planning.reachability import WHOLE_STRING, goals
 from strandcast.planning.task import PlanningTask
@@ -23,8 +23,6 @@ LIMIT_COST_M = 1.0
 # More than any miss can gain: a motion that is not allowed is never better than one that is.
 FORBIDDEN_M = 10.0
 EFFORT_COST_M_S_RAD = 0.0008
-# How near the string may come to the middle of the arm's links, and at the start to a hit; chosen.
-CLEARANCE_M = 0.035
 NEAR_HAND_M = 0.06  # string this near to the hand cannot be far from it; chosen
 HANGING_SPACING_M = 0.015  # between the places of the hanging string that are checked; chosen
 LONGER = 1.05  # how much longer than specified a string may be; chosen

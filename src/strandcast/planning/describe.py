@@ -13,7 +13,7 @@ from strandcast.core.trajectory import JointTrajectory
 from strandcast.errors import StrandcastError
 from strandcast.planning.assessment import Assessment, assess_rollouts
 from strandcast.planning.bezier import Curve, sample
-from strandcast.planning.cost import CLEARANCE_M, start_cost
+from strandcast.planning.cost import start_cost
 from strandcast.planning.miss_calibration import (
     IN_SPACE,
     NO_EVIDENCE,
@@ -127,8 +127,8 @@ def describe(
     """
     motion = sample(found.curve, task.step_s)
     _refuse_violations(task, motion)
-    assessment = assess_rollouts(task, rollouts, CLEARANCE_M)
-    every = assess_rollouts(task.rough(), scattered, CLEARANCE_M)
+    assessment = assess_rollouts(task, rollouts)
+    every = assess_rollouts(task.rough(), scattered)
     throws = _throws(scattered, every.miss_m)
     miss = _calibrated(task, planner, found.kind, throws.miss_m, evidence)
     flagged = every._replace(touch_m=touch_of_links_m(task, scattered))
@@ -190,7 +190,7 @@ def touch_of_links_m(task: PlanningTask, scattered: Rollouts) -> NDArray[np.floa
     The plate with the hand's markers lies behind the string: over it, only detection is worse.
     """
     links = np.ascontiguousarray(scattered.capsules_m[:, :, : len(task.arm.joints)])
-    return assess_rollouts(task.rough(), scattered._replace(capsules_m=links), CLEARANCE_M).touch_m
+    return assess_rollouts(task.rough(), scattered._replace(capsules_m=links)).touch_m
 
 
 def prediction_flags(

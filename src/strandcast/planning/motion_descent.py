@@ -14,7 +14,6 @@ from strandcast.core.objectives import AimedPoint, PointInSpace
 from strandcast.core.strings import StringBatch
 from strandcast.planning.assessment import Assessment, assess_rollouts
 from strandcast.planning.cost import (
-    CLEARANCE_M,
     LIMIT_COST_M,
     fault_costs,
     motion_costs,
@@ -67,7 +66,7 @@ def rollout_residuals(
     task: PlanningTask, rollouts: Rollouts, paths: JointPaths, strings: int, *, stops: bool
 ) -> MotionResiduals:
     """Return the residuals of motions that were simulated with so many strings, start postures apart."""
-    assessment = assess_rollouts(task, rollouts, CLEARANCE_M)
+    assessment = assess_rollouts(task, rollouts)
     stops_m = stop_cost(task, paths) if stops else np.zeros(len(paths.q))
     cost_m = rollout_cost(assessment, strings, task.step_s) + motion_costs(task, paths) + stops_m
     of_strings = np.column_stack([miss_parts(task, rollouts, assessment), fault_costs(assessment)])
