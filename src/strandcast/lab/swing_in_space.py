@@ -75,7 +75,10 @@ def simulate_swing_in_space(
     hanging = string.shifted(along.grasp_length_m)
 
     def make_rig(drive: JointDrives, step_s: float) -> LabRig:
-        return _build(arm, drive, hanging, curl_turn_rad, variation, step_s)
+        spec = driven_arm(arm, drive, UPWARDS, step_s)
+        links = links_of(hanging, SPATIAL_LINK_M)
+        _hang(spec.body(arm.clamp.link), arm, links, hanging, curl_turn_rad, variation)
+        return compiled_rig(spec, arm, links, np.eye(3))
 
     def begin(rig: LabRig, loop: ServoLoop, points: ServoSetPoints) -> tuple[np.ndarray, np.ndarray]:
         place, speed = _at_rest_in_space(rig, loop, points), np.zeros(rig.model.nv)
@@ -92,20 +95,6 @@ def simulate_swing_in_space(
         return place, speed
 
     return swing_on(arm, servo, along, command, make_rig, begin)
-
-
-def _build(
-    arm: SpatialArm,
-    drive: JointDrives,
-    string: PhysicalString,
-    curl_turn_rad: float,
-    variation: VariationInSpace,
-    dt_s: float,
-) -> LabRig:
-    spec = driven_arm(arm, drive, UPWARDS, dt_s)
-    links = links_of(string, SPATIAL_LINK_M)
-    _hang(spec.body(arm.clamp.link), arm, links, string, curl_turn_rad, variation)
-    return compiled_rig(spec, arm, links, np.eye(3))
 
 
 def _hang(
