@@ -12,6 +12,7 @@ from strandcast.arm.kinematics import hand_pose
 from strandcast.arm.load import load_arm
 from strandcast.arm.spatial import hand_poses_in_space
 from strandcast.config.estimate import EstimateSettings
+from strandcast.config.plan import PlanSettings
 from strandcast.core.box import Box
 from strandcast.core.strings import (
     BEND_FRICTION,
@@ -39,7 +40,7 @@ from strandcast.estimation.unknowns import prior_exponents, space_of
 from strandcast.planning.bezier import Curve, rest_heights, sample
 from strandcast.planning.describe import describe
 from strandcast.planning.rollouts import RolloutConditions, Rollouts, commands, simulate_rollouts
-from strandcast.planning.search import SearchResult
+from strandcast.planning.search import SearchInputs, SearchResult
 from strandcast.planning.task import PlanningTask
 from strandcast.planning.write import to_record
 from strandcast.records.estimate import ENSEMBLE, Estimate
@@ -152,7 +153,8 @@ def test_the_planner_throws_what_was_fitted(tmp_path, name, world):
     moved_m = np.abs(world.as_fitted(other) - thrown.points_m)[:, :, -1].max()
     assert moved_m > 1e-5 if row.thrown else moved_m < 1e-9
     found = SearchResult("refined", world.curve, 1, [])
-    plan = describe(world.task, planned, "ensemble", found, thrown, thrown)
+    given = SearchInputs(world.task, planned, RolloutConditions(), PlanSettings(), np.random.default_rng(0))
+    plan = describe(given, found, thrown, thrown)
     known = _planned(to_record(plan, world.task, "test", 2, 0, {}), world.layout)
     assert known is not None
     np.testing.assert_array_equal(known[name], planned[name][:1])

@@ -22,7 +22,7 @@ from strandcast.planning.miss_calibration import (
     miss_distribution,
 )
 from strandcast.planning.rollouts import Rollouts
-from strandcast.planning.search import SearchResult
+from strandcast.planning.search import SearchInputs, SearchResult
 from strandcast.planning.task import PlanningTask
 from strandcast.records.predicted import PredictedThrows
 
@@ -101,13 +101,7 @@ class PlannedMotion:
 
 
 def describe(
-    task: PlanningTask,
-    strings: StringBatch,
-    planner: str,
-    found: SearchResult,
-    rollouts: Rollouts,
-    scattered: Rollouts,
-    evidence: Evidence = NO_EVIDENCE,
+    given: SearchInputs, found: SearchResult, rollouts: Rollouts, scattered: Rollouts
 ) -> PlannedMotion:
     """Return a motion with its prediction; refuse one that breaks the arm's limits.
 
@@ -117,31 +111,30 @@ def describe(
         The motion simulated with every string.
     scattered
         The motion simulated with every string and every disturbance, roughly (`PlanningTask.rough`).
-    evidence
-        What past trials say of the prediction.
 
     Raises
     ------
     StrandcastError
         SC-P004.
     """
+    task = given.task
     motion = sample(found.curve, task.step_s)
     _refuse_violations(task, motion)
     assessment = assess_rollouts(task, rollouts)
     every = assess_rollouts(task.rough(), scattered)
     throws = _throws(scattered, every.miss_m)
-    miss = _calibrated(task, planner, found.kind, throws.miss_m, evidence)
+    miss = _calibrated(task, given.planner, found.kind, throws.miss_m, given.evidence)
     flagged = every._replace(touch_m=touch_of_links_m(task, scattered))
     flags = [*found.flags, *prediction_flags(task, found.curve, flagged, miss)]
     count = rollouts.last[0] + 1
     path, time_s = rollouts.points_m[0, :count], np.arange(count) * task.step_s
     return PlannedMotion(
-        planner=planner,
+        planner=given.planner,
         kind=found.kind,
         objective=task.aim.description,
         curve=found.curve,
         motion=motion,
-        strings=strings,
+        strings=given.strings,
         miss_m=float(assessment.miss_m[0]),
         ensemble_miss_m=assessment.miss_m,
         throws=throws,

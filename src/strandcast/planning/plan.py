@@ -204,7 +204,7 @@ def predicted_near(given: SearchInputs, near: Neighbourhood, found: SearchResult
     heights = found.curve.heights_rad_s[None]
     scattered = rollouts_near(task.rough(), with_every_disturbance(task, near, given.sizes), paths, heights)
     rollouts = rollouts_near(task, near, paths, heights)
-    return describe(task, given.strings, given.planner, found, rollouts, scattered, given.evidence)
+    return describe(given, found, rollouts, scattered)
 
 
 def predicted(given: SearchInputs, found: SearchResult) -> PlannedMotion:
@@ -213,7 +213,7 @@ def predicted(given: SearchInputs, found: SearchResult) -> PlannedMotion:
     every = crossed(given.strings, len(task.arm.joints), given.sizes)
     scattered = rollouts_of_curves(task.rough(), every, given.conditions, [found.curve])
     rollouts = rollouts_of_curves(task, given.strings, given.conditions, [found.curve])
-    return describe(task, given.strings, given.planner, found, rollouts, scattered, given.evidence)
+    return describe(given, found, rollouts, scattered)
 
 
 def _inputs(
