@@ -148,7 +148,7 @@ def build_rig(
 
 
 def compiled_rig(spec: mujoco.MjSpec, arm: Arm, links: list[StringLink], plane: np.ndarray) -> LabRig:
-    """Return the rig of an arm with a string whose joints are named `bend_`, and its nodes `node_`."""
+    """Return the rig of an arm with a string: the joints named `bend_`, and the nodes `node_`."""
     model = spec.compile()
     bends = [k for k in range(model.njnt) if model.joint(k).name.startswith("bend_")]
     return LabRig(
