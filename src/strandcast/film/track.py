@@ -188,14 +188,14 @@ def _tracked(
         string = track_string(frames, StringHint(NOMINAL_M, known.points), settings, exposure_s, scene.video)
     except StrandcastError as problem:
         raise not_held(scene, problem.what) from None
-    points, sigma, flags = assemble_points(time_s, hand, string.points, known.points)
+    points, sigma, flags = assemble_points(time_s, hand, string.points)
     if finder.far_m:
         points[:, -1], flags[:, -1] = finder.far_m, hand.flags
         sigma[:, -1] = SIGMA_PX * camera.scale_m_per_px
     by_hand = rows[:, 0].astype(int), rows[:, 1].astype(int)
     points_px = metre_to_pixel(camera, points, camera.string_offset_m)
     points_px[by_hand], points[by_hand], flags[by_hand] = rows[:, 2:], scene.metres(rows[:, 2:]), SUPPLIED
-    length = string.learned.clamp_fit.length_m
+    length = string.clamp_fit.length_m
     m_per_px = scale.m_per_px if scale.camera is None else scale.camera.scale_m_per_px
     if m_per_px is None and known.length_m is not None:
         m_per_px = known.length_m / length * camera.scale_m_per_px

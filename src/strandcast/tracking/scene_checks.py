@@ -143,7 +143,7 @@ def length_faults(
 
 def left_plane(frames: StringFrames, string: StringTrack, camera: Camera) -> OutOfPlane | None:
     """Return how far the string left the plane of motion, which one camera cannot see; None if it did not."""
-    length_m = string.learned.clamp_fit.length_m
+    length_m = string.clamp_fit.length_m
     least_m = max(TILTED_M, TILTED_SHARE * length_m)
     return measure_out_of_plane(apparent_strings(frames, string.first.fits), length_m, camera, least_m)
 

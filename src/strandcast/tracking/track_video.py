@@ -1,7 +1,5 @@
 """The chain tracker: from one trial's video to the mass points of its string."""
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from strandcast.camera.tilt import check_plane_tilt
@@ -11,7 +9,6 @@ from strandcast.tracking.chain.acceleration_gate import gate_accelerations
 from strandcast.tracking.chain.appearance import Appearance
 from strandcast.tracking.chain.bridge import bridge_points
 from strandcast.tracking.chain.frames import StringFrames
-from strandcast.tracking.chain.point_uncertainty import FramePoints
 from strandcast.tracking.chain.string_track import StringTrack, track_string
 from strandcast.tracking.crops import Crops, SmallFrames
 from strandcast.tracking.decoding import Background, decode, scene_background
@@ -74,7 +71,7 @@ def track_video(given: TrackerInput, settings: TrackSettings) -> Tracked:
     extent = box_around(given.markers)
     frames = StringFrames(crops, np.ascontiguousarray(background.picture), hand, time_s, extent)
     string = track_string(frames, given.hint, settings, exposure_s, given.video)
-    points_m, sigma_m, flags = assemble_points(time_s, hand, string.points, given.hint.points)
+    points_m, sigma_m, flags = assemble_points(time_s, hand, string.points)
     sampled = np.asarray(samples.indices)
     instants = choose_instants(sampled, points_m)
     if given.target_m is not None:
@@ -92,7 +89,7 @@ def track_video(given: TrackerInput, settings: TrackSettings) -> Tracked:
     end_m = end_sigma_m(appearance, given.hint.beyond_m)
     tip = tip_path(time_s, points_m, flags, appearance)
     weights_m = [weight.place_m for weight in given.string.weights]
-    clamp_fit = string.learned.clamp_fit
+    clamp_fit = string.clamp_fit
     faults = length_faults(clamp_fit, given.free_length_m, given.string.length_m, end_m)
     led, led_warnings = (None, []) if led_monitor is None else led_monitor.found(time_s, given.exposure_s)
     return Tracked(
@@ -122,7 +119,7 @@ def track_video(given: TrackerInput, settings: TrackSettings) -> Tracked:
             *out_of_plane_warnings(out),
             *decoded.warnings,
             *declaration_conflicts(
-                string.learned.attachments,
+                string.attachments,
                 weights_m,
                 [(section.from_m, section.to_m) for section in given.string.stiff_sections],
                 given.free_length_m,
@@ -130,7 +127,7 @@ def track_video(given: TrackerInput, settings: TrackSettings) -> Tracked:
         ),
         faults=tuple(faults),
         tip_sigma_m=tip_sigma_m(end_m, [cost_m for cost_m, _ in tilted], out),
-        attachments=string.learned.attachments,
+        attachments=string.attachments,
         target=target,
         contact=detect_contact(tip, target, camera, samples),
         led=led,
@@ -150,23 +147,20 @@ def tip_path(time_s: np.ndarray, points_m: np.ndarray, flags: np.ndarray, appear
 
 
 def assemble_points(
-    time_s: np.ndarray, hand: TrackedHand, results: Sequence[FramePoints | None], count: int
+    time_s: np.ndarray, hand: TrackedHand, string: tuple[np.ndarray, np.ndarray, np.ndarray]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return places (F, n + 1, 2), sigma and flags (F, n + 1) of hand (0) and string.
+    """Return places (F, n + 1, 2), sigma and flags (F, n + 1) of hand (0) and string, from the string's.
 
     Places with implausible acceleration are flagged, short gaps bridged.
     """
-    places = np.full((len(results), count + 1, 2), np.nan)
-    sigma = np.full((len(results), count + 1), np.nan)
-    flags = np.zeros((len(results), count + 1), dtype=np.int32)
-    places[:, 0], sigma[:, 0], flags[:, 0] = hand.pose.position_m, hand.sigma_m, hand.flags
-    for index, one in enumerate(results):
-        if one is not None:
-            places[index, 1:], sigma[index, 1:], flags[index, 1:] = one.points_m, one.sigma_m, one.flags
+    of_hand = hand.pose.position_m, hand.sigma_m, hand.flags
+    places, sigma, flags = (
+        np.concatenate([first[:, None], rest], axis=1) for first, rest in zip(of_hand, string, strict=True)
+    )
     sigma, flags = gate_accelerations(places, sigma, flags, float(np.median(np.diff(time_s))))
     bridged = bridge_points(time_s, places[:, 1:], sigma[:, 1:], flags[:, 1:])
-    for all_points, string in zip((places, sigma, flags), bridged, strict=True):
-        all_points[:, 1:] = string
+    for every, changed in zip((places, sigma, flags), bridged, strict=True):
+        every[:, 1:] = changed
     return places, sigma, flags
 
 
@@ -178,7 +172,7 @@ def choices(
     instants: np.ndarray,
 ) -> dict[str, float | int | str | bool | None]:
     """Return the tracker's estimates and decisions by name; `target_found` is None without a target."""
-    appearance, clamp_fit = string.first.appearance, string.learned.clamp_fit
+    appearance, clamp_fit = string.first.appearance, string.clamp_fit
     return {
         "background": background.source,
         "exposure_s": exposure_s,

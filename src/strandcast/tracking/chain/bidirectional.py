@@ -23,17 +23,16 @@ THREADS = 2  # as many as there are directions
 ANCHORS = 4  # chosen: best detections tried as the start
 
 
-def chain_of(string: StringHint) -> tuple[int, int]:
-    """Return the number of links of the tracker's chain, and the links per mass point."""
-    links_per_point = max(1, round(string.length_m / string.points / LINK_M))
-    return links_per_point * string.points, links_per_point
+def links_of(string: StringHint) -> int:
+    """Return the number of links of the tracker's chain: a multiple of the number of mass points."""
+    return string.points * max(1, round(string.length_m / string.points / LINK_M))
 
 
 def survey(
     frames: StringFrames, candidates: np.ndarray, string: StringHint, polarity: float | None
 ) -> list[Detection]:
     """Return detections of the string in frames spread over the candidates (K,)."""
-    links, _ = chain_of(string)
+    links = links_of(string)
     found: dict[int, Detection | None] = {}
 
     def detect(index: int) -> Detection | None:

@@ -1,7 +1,5 @@
 """Mass points of a fit, each with standard deviation and flags."""
 
-from dataclasses import dataclass
-
 import numpy as np
 from numba import njit
 
@@ -30,24 +28,15 @@ DOUBLED = 4  # nodes along another part of the chain: it may be folded onto itse
 SLIPPED_M = 0.0065  # of the chain's start off the clamp: the chain is too long or too short by a piece
 
 
-@dataclass(frozen=True)
-class FramePoints:
-    """The string in one frame: places (n, 2), sigmas and flags (n,) of the mass points 1 to n."""
-
-    points_m: np.ndarray
-    sigma_m: np.ndarray
-    flags: np.ndarray
-
-
 def frame_points(
-    fit: FrameFit, per_point: int, window: SearchWindow, clamp_m: np.ndarray, length_sigma_m: float
-) -> FramePoints:
-    """Return the mass points of a fit, `per_point` links apart; NaN where they are not supported.
+    fit: FrameFit, count: int, window: SearchWindow, clamp_m: np.ndarray, length_sigma_m: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return places (n, 2), sigmas and flags (n,) of a fit's n mass points; NaN where they are not supported.
 
     `clamp_m` (2,) is where the string leaves the clamp, `length_sigma_m` the uncertainty of its length.
     """
+    per_point = len(fit.heading) // count
     points = fit.nodes()[per_point::per_point].copy()
-    count = len(points)
     flags = np.zeros(count, dtype=np.int32)
     clear_share = np.convolve(
         (fit.reward[1:] >= CLEAR).astype(float), np.ones(per_point) / per_point, mode="same"
@@ -76,7 +65,7 @@ def frame_points(
     points[lost] = np.nan
     sigma[lost] = np.nan
     flags[lost] = 0
-    return FramePoints(points, sigma, flags)
+    return points, sigma, flags
 
 
 def point_sigmas(

@@ -11,8 +11,8 @@ from strandcast.tracking.attachments.detect import Attachments, detect_attachmen
 from strandcast.tracking.chain.appearance import Appearance
 from strandcast.tracking.chain.bead_search import Beads
 from strandcast.tracking.chain.bidirectional import (
-    chain_of,
     clamp_paths,
+    links_of,
     survey,
     take_corrections,
     track_bidirectional,
@@ -23,7 +23,7 @@ from strandcast.tracking.chain.fit import ChainModel, FrameFit
 from strandcast.tracking.chain.frames import GivenPlaces, StringFrames
 from strandcast.tracking.chain.links import place_on
 from strandcast.tracking.chain.measure import level_at
-from strandcast.tracking.chain.point_uncertainty import FramePoints, frame_points
+from strandcast.tracking.chain.point_uncertainty import frame_points
 from strandcast.tracking.chain.refine import refine
 from strandcast.tracking.chain.tip import BEAD_TIMES
 from strandcast.tracking.chain.tracker import ChainTracker
@@ -41,28 +41,19 @@ class FirstPass:
     appearance: Appearance
     length_m: float  # from the clamp to the tip; a rough value from single frames
     links: int
-    links_per_point: int
     anchor: int  # the frame from which the string was tracked both ways
     fits: list[FrameFit | None]  # per frame; None where the string was not found
     redetections: int  # successful searches where a fit was poor
 
 
 @dataclass(frozen=True, eq=False)
-class Learned:
-    """Values learned from all frames together: free length and clamp, weights and sections, beads."""
-
-    clamp_fit: ClampFit
-    attachments: Attachments
-    beads: Beads
-
-
-@dataclass(frozen=True, eq=False)
 class StringTrack:
-    """The string in a video: both passes' results, and the mass points of each frame."""
+    """The string in a video: the first pass, the values learned from all frames, and the mass points."""
 
     first: FirstPass
-    learned: Learned
-    points: list[FramePoints | None]
+    clamp_fit: ClampFit
+    attachments: Attachments
+    points: tuple[np.ndarray, np.ndarray, np.ndarray]  # of each frame, see `mass_points`
 
 
 def track_string(
@@ -70,29 +61,31 @@ def track_string(
 ) -> StringTrack:
     """Track the string through a video; SC-T004, naming the file, if none leaves the hand in any frame."""
     first = first_pass(frames, hint, settings, exposure_s, video)
-    learned = learn_from_all_frames(frames, first)
-    string = ChainModel(learned.clamp_fit.length_m / first.links, first.appearance, learned.beads)
-    aligned = replace(frames, lateral_offset_m=learned.clamp_fit.lateral_offset_m)
+    clamp_fit = fit_clamp(first.length_m, *clamp_paths(frames, first.fits))
+    attachments = attachments_of(frames, first).moved(clamp_fit.length_m - first.length_m)
+    beads = all_beads(frames, first, attachments, clamp_fit)
+    string = ChainModel(clamp_fit.length_m / first.links, first.appearance, beads)
+    aligned = replace(frames, lateral_offset_m=clamp_fit.lateral_offset_m)
     fits, corrected = list(first.fits), () if frames.given is None else frames.given.corrected
-    given = aligned.with_given(len(learned.beads.place_m), corrected=True)
+    given = aligned.with_given(len(beads.place_m), corrected=True)
     take_corrections(given, fits, corrected, ChainTracker(first.links, string, exposure_s))
     fits = refine(aligned, fits, first.anchor, string, exposure_s, corrected)
-    return StringTrack(first, learned, mass_points(aligned, fits, first.links_per_point, learned.clamp_fit))
+    points = mass_points(aligned, fits, hint.points, clamp_fit.length_sigma_m)
+    return StringTrack(first, clamp_fit, attachments, points)
 
 
 def mass_points(
-    frames: StringFrames, fits: list[FrameFit | None], links_per_point: int, clamp_fit: ClampFit
-) -> list[FramePoints | None]:
-    """Return the mass points of each frame; None where the string was not found."""
-    sigma_m = clamp_fit.length_sigma_m
-    points: list[FramePoints | None] = []
+    frames: StringFrames, fits: list[FrameFit | None], count: int, length_sigma_m: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return places (F, n, 2), sigma and flags (F, n) of the n mass points; NaN where not found."""
+    points_m, sigma_m = np.full((len(fits), count, 2), np.nan), np.full((len(fits), count), np.nan)
+    flags = np.zeros((len(fits), count), dtype=np.int32)
     for index, fit in enumerate(fits):
         window = frames.window(index)
-        if fit is None or window is None:
-            points.append(None)
-        else:
-            points.append(frame_points(fit, links_per_point, window, frames.clamp_m(index), sigma_m))
-    return points
+        if fit is not None and window is not None:
+            found = frame_points(fit, count, window, frames.clamp_m(index), length_sigma_m)
+            points_m[index], sigma_m[index], flags[index] = found
+    return points_m, sigma_m, flags
 
 
 def first_pass(
@@ -102,15 +95,11 @@ def first_pass(
     with_hand = np.flatnonzero(frames.hand.flags == 0)
     detections = survey(frames, with_hand, hint, POLARITIES[settings.polarity])
     if not detections:
-        raise StrandcastError(
-            "SC-T004",
-            "no string leaves the hand in any frame",
-            file=video,
-        )
+        raise StrandcastError("SC-T004", "no string leaves the hand in any frame", file=video)
     appearance = learn_appearance(detections, frames.crops.plane.metre_per_pixel, hint.beyond_m)
     if settings.contrast_grey is not None:
         appearance = appearance._replace(contrast=settings.contrast_grey)
-    links, links_per_point = chain_of(hint)
+    links = links_of(hint)
     far_m = None if frames.given is None else frames.given.far_m()
     if far_m is None:
         length_m = visible_length(detections, appearance, hint.length_m)
@@ -121,14 +110,7 @@ def first_pass(
     string = ChainModel(length_m / links, appearance, beads_of(rows))
     tracker = ChainTracker(links, string, exposure_s)
     anchor, fits = track_bidirectional(frames.with_given(len(rows), corrected=False), detections, tracker)
-    return FirstPass(appearance, length_m, links, links_per_point, anchor, fits, tracker.redetections)
-
-
-def learn_from_all_frames(frames: StringFrames, first: FirstPass) -> Learned:
-    """Return the string's length, how the clamp holds it, and its attachments, from all frames."""
-    clamp_fit = fit_clamp(first.length_m, *clamp_paths(frames, first.fits))
-    attachments = attachments_of(frames, first).moved(clamp_fit.length_m - first.length_m)
-    return Learned(clamp_fit, attachments, all_beads(frames, first, attachments, clamp_fit))
+    return FirstPass(appearance, length_m, links, anchor, fits, tracker.redetections)
 
 
 def attachments_of(frames: StringFrames, first: FirstPass) -> Attachments:
