@@ -10,7 +10,6 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
 from typing import IO
 
 import cv2
@@ -29,6 +28,7 @@ class KeptPixels:
     def __init__(self) -> None:
         self._file: IO[bytes] | None = None
         self._filled = 0
+        self._places: list[tuple[int, tuple[int, ...], np.dtype]] = []
 
     def __del__(self) -> None:
         if self._file is not None:
@@ -36,23 +36,24 @@ class KeptPixels:
                 self._file.close()
 
     def put(self, picture: np.ndarray) -> int:
-        """Keep a picture, and return its place."""
+        """Keep a picture, and return its number."""
         if self._file is None:
             self._file = open_scratch()
-        place = self._filled
+        self._places.append((self._filled, picture.shape, picture.dtype))
         try:
             self._filled += self._file.write(np.ascontiguousarray(picture).data)
         except OSError as error:
             raise no_scratch(error) from error
-        return place
+        return len(self._places) - 1
 
-    def get(self, place: int, shape: tuple[int, int], dtype: np.dtype) -> np.ndarray:
-        """Return a picture by its place."""
+    def get(self, number: int) -> np.ndarray:
+        """Return a picture by its number."""
         assert self._file is not None
         try:
             self._file.flush()
         except OSError as error:
             raise no_scratch(error) from error
+        place, shape, dtype = self._places[number]
         data = bytearray(os.pread(self._file.fileno(), shape[0] * shape[1] * dtype.itemsize, place))
         return np.frombuffer(data, dtype).reshape(shape)
 
@@ -62,33 +63,19 @@ class SmallFrames:
 
     def __init__(self, width_px: int, height_px: int) -> None:
         self.factor = -(-max(width_px, height_px) // SMALL_PX)
-        self._shape = height_px // self.factor, width_px // self.factor
-        self._pixels, self._dtype = KeptPixels(), np.dtype(np.uint8)
-        self._places: list[int] = []
+        self._pixels = KeptPixels()
 
     def keep(self, image: np.ndarray) -> None:
         """Keep the next frame; each pixel is the mean of whole ones."""
-        height, width = self._shape
+        height, width = (side // self.factor for side in image.shape)
         small = image[: height * self.factor, : width * self.factor]
         if self.factor > 1:
             small = cv2.resize(small, (width, height), interpolation=cv2.INTER_AREA)
-        self._dtype = small.dtype
-        self._places.append(self._pixels.put(small))
+        self._pixels.put(small)
 
     def pictures(self, frames: Sequence[int]) -> Iterator[np.ndarray]:
         """Yield some frames (height, width) in the video's depth."""
-        return (self._pixels.get(self._places[index], self._shape, self._dtype) for index in frames)
-
-
-@dataclass(frozen=True)
-class Crop:
-    """A part of one frame."""
-
-    left: int  # of its first pixel in the frame
-    top: int
-    shape: tuple[int, int]
-    dtype: np.dtype
-    place: int
+        return (self._pixels.get(index) for index in frames)
 
 
 class Crops:
@@ -98,12 +85,8 @@ class Crops:
         self.plane = plane
         self.reach_px = int(np.ceil(reach_m / plane.metre_per_pixel))
         self._pixels = KeptPixels()
-        self._kept: list[Crop | None] = []
+        self._kept: list[tuple[int, int, int] | None] = []  # number of the crop, and its left and top
         self._hand: Pose | None = None
-
-    def __len__(self) -> int:
-        """Return the number of frames."""
-        return len(self._kept)
 
     def keep(self, image: np.ndarray, hand: Pose | None) -> None:
         """Keep the part around the hand, or around its last place; nothing before it was first found."""
@@ -114,15 +97,12 @@ class Crops:
         u, v = to_pixel(self._hand.position_m[0], self._hand.position_m[1], self.plane)
         left, top = max(0, int(u) - self.reach_px), max(0, int(v) - self.reach_px)
         crop = image[top : max(top, int(v) + self.reach_px + 1), left : max(left, int(u) + self.reach_px + 1)]
-        if min(crop.shape) < 8:
-            self._kept.append(None)
-            return
-        shape = (crop.shape[0], crop.shape[1])
-        self._kept.append(Crop(left, top, shape, crop.dtype, self._pixels.put(crop)))
+        self._kept.append(None if min(crop.shape) < 8 else (self._pixels.put(crop), left, top))
 
     def at(self, index: int) -> tuple[np.ndarray, int, int] | None:
         """Return the crop of a frame, and the left and top of its first pixel in the frame; or None."""
-        crop = self._kept[index]
-        if crop is None:
+        kept = self._kept[index]
+        if kept is None:
             return None
-        return self._pixels.get(crop.place, crop.shape, crop.dtype), crop.left, crop.top
+        number, left, top = kept
+        return self._pixels.get(number), left, top
