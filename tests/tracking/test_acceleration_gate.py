@@ -3,7 +3,7 @@
 import numpy as np
 
 from strandcast.records.track import UNSURE
-from strandcast.tracking.chain.acceleration_gate import gate_accelerations
+from strandcast.tracking.chain.point_uncertainty import gate_accelerations
 
 
 def gate(points, interval_s):

@@ -5,10 +5,10 @@ import numpy as np
 from strandcast.camera.tilt import check_plane_tilt
 from strandcast.config.track import TrackSettings
 from strandcast.tracking.attachments.declared_vs_detected import declaration_conflicts
-from strandcast.tracking.chain.acceleration_gate import gate_accelerations
 from strandcast.tracking.chain.appearance import Appearance
 from strandcast.tracking.chain.bridge import bridge_points
 from strandcast.tracking.chain.frames import StringFrames
+from strandcast.tracking.chain.point_uncertainty import gate_accelerations
 from strandcast.tracking.chain.string_track import StringTrack, track_string
 from strandcast.tracking.crops import Crops, SmallFrames
 from strandcast.tracking.decoding import Background, decode, scene_background

@@ -18,7 +18,6 @@ from strandcast.tracking.chain.constraints import NO_TIP, Anchors, Constraints, 
 from strandcast.tracking.chain.line_scores import blank_hand, rewards_near, score_across
 from strandcast.tracking.chain.links import link_directions, nodes_along, normals_to, place_nodes, place_on
 from strandcast.tracking.chain.profiles import best_path, line_centre
-from strandcast.tracking.chain.reward import counted_once, mean_reward
 from strandcast.tracking.chain.search_window import SearchWindow, hidden_nodes
 from strandcast.tracking.chain.smoother import Recursion, fit_headings, node_covariances
 from strandcast.tracking.chain.tip import END_PX, ends_at_tip, locate_tip
@@ -32,6 +31,7 @@ WIDE_PX, NARROW_PX = 14.0, 6.0  # how far from the prediction the string is sear
 MOVED_PX = 0.7  # change of the chain in one round, from which another round is worth it
 ROUNDS = 3  # at most, after the first
 BEND_COST = 0.03  # in mean reward, per squared radian of bend, summed over the joints
+LEAST_OPEN = 0.25  # share of the chain that the hand must not hide, for a score
 END_COST = 0.15  # in mean reward, for a chain whose end is not the string's
 
 
@@ -221,3 +221,33 @@ def sample_and_fit(
     along = link_directions(heading)
     nodes = nodes_along(root, along, link_m)
     return ChainFit(root, heading, along, nodes, recursion, rewards_near(lines, nodes))
+
+
+@njit(cache=True)
+def mean_reward(reward: np.ndarray, hidden: np.ndarray, once: np.ndarray) -> tuple[float, float, int]:
+    """Return the mean reward of nodes (K,) that can be visible, their share, and how many are doubled."""
+    total, count, doubled = 0.0, 0, 0
+    for k in range(len(reward)):
+        if not hidden[k]:
+            total += reward[k] * once[k]
+            count += 1
+            doubled += once[k] == 0.0
+    open_share = count / len(reward)
+    value = total / count if open_share > LEAST_OPEN else 0.0
+    return value, open_share, doubled
+
+
+@njit(cache=True)
+def counted_once(nodes: np.ndarray, heading: np.ndarray, near_m: float) -> np.ndarray:
+    """Return 0 for nodes that lie along an earlier part of the chain, 1 for others (K,).
+
+    Otherwise a chain folded back onto itself would count the same piece of string twice.
+    """
+    once = np.ones(len(nodes))
+    for k in range(6, len(nodes)):
+        for j in range(1, k - 4):
+            close = (nodes[k, 0] - nodes[j, 0]) ** 2 + (nodes[k, 1] - nodes[j, 1]) ** 2 < near_m * near_m
+            if close and abs(np.sin(heading[k - 1] - heading[j - 1])) < 0.4:
+                once[k] = 0.0
+                break
+    return once

@@ -5,15 +5,15 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
+from numba import njit
 
 from strandcast.camera.mapping import metre_to_pixel
 from strandcast.camera.marker_pose import marker_pose
-from strandcast.camera.marker_sides import refine_square
+from strandcast.camera.marker_sides import bilinear, refine_square
 from strandcast.camera.markers import detect_markers, eight_bit, marker_detector
 from strandcast.core.hand_marker import HandMarker
 from strandcast.core.pose import Pose
 from strandcast.records.camera import Camera
-from strandcast.tracking.hand.marker_square import CELLS, follow_square
 from strandcast.tracking.hand.rigid import corners_in_hand, fit_rigid, place
 from strandcast.tracking.pixel_map import all_from_pixel, tabulate
 
@@ -22,6 +22,9 @@ SMALL_PX = 500  # chosen: smaller parts of the image are enlarged before markers
 FOLLOW_RMS_PX = 0.4  # chosen: tracked corners must fit a rigid hand better than this
 CONTRADICTION_SHARE = 0.1  # chosen: share of frames with contradicting markers from which the user is warned
 WORST_RMS_PX = 1.0  # chosen: corners that fit a rigid hand worse than this are rejected
+CELLS = 6  # along the side of a 4x4 marker, border included
+BORDER_PLACES = 8  # chosen: along each side, where the border is sampled
+LEAST_BORDER = 25.0  # chosen: grey levels between a marker's black border and the white around it
 CORNER_SIGMA_PX = 0.1  # chosen: least error of a corner; several share the errors of the camera's map
 
 
@@ -121,7 +124,7 @@ class HandFinder:
                 continue
             left, top, right, bottom = box
             crop = np.ascontiguousarray(eight_bit(image[top:bottom, left:right]))
-            refined = follow_square(crop, corners - np.array([left, top], dtype=np.float64), CELLS)
+            refined = follow_square(crop, corners - np.array([left, top], dtype=np.float64))
             if np.isfinite(refined[0, 0]):
                 found[marker] = refined + np.array([left, top])
         detection = self._pose(found)
@@ -211,3 +214,28 @@ def _box_around(points_px: np.ndarray, image: np.ndarray) -> tuple[int, int, int
     return (
         (left, top, right, bottom) if right - left > 2 * MARGIN_PX and bottom - top > 2 * MARGIN_PX else None
     )
+
+
+@njit(cache=True, nogil=True)
+def follow_square(crop: np.ndarray, corners_px: np.ndarray) -> np.ndarray:
+    """Return a marker's corners (4, 2) near the expected ones; NaN if it is not there."""
+    refined: np.ndarray = refine_square(crop, corners_px, CELLS)
+    if np.isfinite(refined).all() and has_border(crop, refined):
+        return refined
+    return np.full((4, 2), np.nan)
+
+
+@njit(cache=True)
+def has_border(crop: np.ndarray, corners_px: np.ndarray) -> bool:
+    """Return whether a marker's black border and the white around it show along most of its sides."""
+    centre_u, centre_v = corners_px[:, 0].mean(), corners_px[:, 1].mean()
+    shown = 0
+    for side in range(4):
+        start, end = corners_px[side], corners_px[(side + 1) % 4]
+        for k in range(BORDER_PLACES):
+            share = (k + 0.5) / BORDER_PLACES
+            u, v = start[0] + share * (end[0] - start[0]), start[1] + share * (end[1] - start[1])
+            in_u, in_v = (centre_u - u) / (0.5 * CELLS), (centre_v - v) / (0.5 * CELLS)  # a cell, mid-side
+            black = bilinear(crop, u + 0.5 * in_u, v + 0.5 * in_v)
+            shown += bilinear(crop, u - 0.4 * in_u, v - 0.4 * in_v) - black > LEAST_BORDER
+    return shown > 0.8 * 4 * BORDER_PLACES
