@@ -40,7 +40,7 @@ class DecodingHere:
 
 
 @contextmanager
-def decode_here(path: str | Path, threads: int, frames: int | None, keep: int) -> Iterator[DecodingHere]:
+def decode_here(path: str | Path, threads: int, frames: int | None) -> Iterator[DecodingHere]:
     """Stand in for `strandcast.video.isolated.decode_isolated`."""
     with reader_of(path).open_source(path, threads, frames) as source:
         yield DecodingHere(source)

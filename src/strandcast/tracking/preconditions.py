@@ -11,15 +11,13 @@ from strandcast.video.reader import VideoFile, open_video
 from strandcast.video.source import SQUARE_TOLERANCE, VideoInfo
 
 
-def open_ingested(
-    path: str | Path, facts: VideoFacts, threads: int = 1, keep: int = 1
-) -> AbstractContextManager[VideoFile]:
+def open_ingested(path: str | Path, facts: VideoFacts, threads: int = 1) -> AbstractContextManager[VideoFile]:
     """Open a trial's video as its manifest describes it; SC-V005 if the file changed since it was ingested.
 
     Of a truncated video, only the frames that the manifest counts are decoded.
     """
     check_same(path, facts)
-    return open_video(path, threads, frames=None if facts.whole else facts.packets, keep=keep)
+    return open_video(path, threads, None if facts.whole else facts.packets)
 
 
 def check_size(facts: VideoFacts, camera: Camera, path: str | Path) -> None:

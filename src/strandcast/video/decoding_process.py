@@ -35,23 +35,20 @@ class Request:
         The video.
     ring
         Descriptor of the shared file; None requests the video's contents only.
-    threads, frames
-        As in `strandcast.video.reader.open_video`.
-    keep
-        Frames that the parent may keep.
     memory_bytes, cpu_s
         Memory beyond Python's own; CPU time per 64 frames.
+    threads, frames
+        As in `strandcast.video.reader.open_video`.
     photo_flags
         OpenCV's flags, to decode single pictures instead of a video; their paths come through the pipe.
     """
 
     path: str
     ring: int | None
-    threads: int
-    frames: int | None
-    keep: int
     memory_bytes: int
     cpu_s: int
+    threads: int = 1
+    frames: int | None = None
     photo_flags: int | None = None
 
 
@@ -111,7 +108,7 @@ def _limit_cpu(seconds: int) -> None:
 
 def _decode(request: Request, descriptor: int, records: int) -> None:
     with reader_of(request.path).open_source(request.path, request.threads, request.frames) as source:
-        slots = _ring(source.info, descriptor, request.keep)
+        slots = _ring(source.info, descriptor)
         _send(records, {"info": vars(source.info) | {"path": request.path}, "slots": len(slots)})
         try:
             _fill(source, slots, request.cpu_s, records)
@@ -136,10 +133,10 @@ def _decode_photos(flags: int, request: Request, descriptor: int, records: int) 
         _send(records, {"photo": None if grey is None else [grey.shape, grey.dtype.str]})
 
 
-def _ring(info: VideoInfo, descriptor: int, keep: int) -> list[memoryview]:
-    """Map the shared memory and return its slots, one page-aligned frame each."""
+def _ring(info: VideoInfo, descriptor: int) -> list[memoryview]:
+    """Map the shared memory and return its slots, one page-aligned frame each; the parent holds one."""
     each = slot_bytes(info)
-    count = keep + min(max(RING_BYTES // each, LEAST_SLOTS), MOST_SLOTS)
+    count = 1 + min(max(RING_BYTES // each, LEAST_SLOTS), MOST_SLOTS)
     os.ftruncate(descriptor, count * each)
     return slots_of(mmap.mmap(descriptor, count * each), info, count)
 

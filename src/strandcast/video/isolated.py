@@ -27,12 +27,8 @@ from strandcast.video import decoding_process
 from strandcast.video.decoding_process import Request, slots_of
 from strandcast.video.source import Contents, Grey, VideoInfo
 
-COMMAND = [
-    sys.executable,
-    "-P",
-    "-m",
-    decoding_process.__name__,
-]  # -P: import no module from the working directory
+# -P: import no module from the working directory.
+COMMAND = [sys.executable, "-P", "-m", decoding_process.__name__]
 CHECK_HOST = "check the limits of this computer (`ulimit -a`) and the installation"
 NO_MEMORY = (
     "MemoryError",
@@ -178,7 +174,7 @@ def _running(request: Request, stall_s: float) -> Iterator[DecoderProcess]:
 def probe_isolated(path: str | Path) -> Contents:
     """Return a video's contents, probed in a separate process; the whole file is read."""
     size = sum(file.stat().st_size for file in files_of_video(Path(path)))
-    request = Request(str(path), None, 1, None, 0, MEMORY_BYTES, CPU_S)
+    request = Request(str(path), None, MEMORY_BYTES, CPU_S)
     with _running(request, STALL_S + size / SLOWEST_BYTES_S) as decoder:
         return Contents(**decoder.next()["contents"])
 
@@ -190,7 +186,6 @@ class Decoding:
     decoder: DecoderProcess
     info: VideoInfo
     slots: list[Grey]
-    keep: int
     messages: list[str] = field(default_factory=list)
 
     def frames(self) -> Iterator[tuple[float, Grey, bool]]:
@@ -200,23 +195,22 @@ class Decoding:
             self.messages.extend(messages)
             self.decoder.frames += 1
             yield time_s, self.slots[(self.decoder.frames - 1) % len(self.slots)], copy
-            if self.decoder.frames >= self.keep:
-                self.decoder.release()
+            self.decoder.release()
         self.messages[:] = record["messages"]
 
 
 @contextmanager
-def decode_isolated(path: str | Path, threads: int, frames: int | None, keep: int) -> Iterator[Decoding]:
+def decode_isolated(path: str | Path, threads: int, frames: int | None) -> Iterator[Decoding]:
     """Decode a video in a separate process; arguments as for `strandcast.video.reader.open_video`."""
     with _unnamed_file("strandcast-frames") as shared:
-        request = Request(str(path), shared.fileno(), threads, frames, keep, MEMORY_BYTES, CPU_S)
+        request = Request(str(path), shared.fileno(), MEMORY_BYTES, CPU_S, threads, frames)
         with _running(request, STALL_S) as decoder:
             head = decoder.next()
             info = VideoInfo(**head["info"] | {"path": Path(path)})
             # The map outlives the file, and each image keeps a reference to it.
             slots = slots_of(mmap.mmap(shared.fileno(), 0), info, head["slots"])
             greys = [np.frombuffer(slot, info.dtype).reshape(info.height, info.width) for slot in slots]
-            yield Decoding(decoder, info, greys, keep)
+            yield Decoding(decoder, info, greys)
 
 
 def read_photos(paths: Sequence[Path], flags: int) -> Iterator[np.ndarray | None]:
@@ -228,7 +222,7 @@ def read_photos(paths: Sequence[Path], flags: int) -> Iterator[np.ndarray | None
         SC-V007 a picture is too large; SC-V005, SC-W004 as for videos.
     """
     with _unnamed_file("strandcast-photo") as shared:
-        request = Request("", shared.fileno(), 1, None, 0, MEMORY_BYTES, CPU_S, flags)
+        request = Request("", shared.fileno(), MEMORY_BYTES, CPU_S, photo_flags=flags)
         with _running(request, STALL_S) as decoder:
             for path in paths:
                 photo = decoder.photo(path)

@@ -22,7 +22,7 @@ class VideoFile:
     """An open video: iterate once for ``(index, time_s, grey)``.
 
     ``grey`` is (height, width) uint8, or uint16 for 9 to 16 bits, from 0 to ``info.max_level``. It is
-    not copied: use it before taking the next frame (or `keep` frames later), and do not write into it.
+    not copied: use it before taking the next frame, and do not write into it.
 
     Attributes
     ----------
@@ -80,7 +80,6 @@ def open_video(
     path: str | Path,
     threads: int = 1,
     frames: int | None = None,
-    keep: int = 1,
 ) -> Iterator[VideoFile]:
     """Open a video for one sequential decoding pass, in a separate process: a bad file cannot crash this one.
 
@@ -92,8 +91,6 @@ def open_video(
         Decoder threads, 0 for the decoder's choice. The frames are the same.
     frames
         Decode only the first so many; of a truncated file, those before the cut.
-    keep
-        A frame stays valid until so many more have been taken.
 
     Yields
     ------
@@ -110,7 +107,7 @@ def open_video(
     """
     check_video_path(path)
     copies: list[int] = []
-    with decode_isolated(path, threads, frames, keep) as decoding:
+    with decode_isolated(path, threads, frames) as decoding:
         meter = MotionMeter(decoding.info.max_level)
         counted = _counted(decoding, copies, meter)
         yield VideoFile(decoding.info, counted, decoding.messages, copies, meter.changes)
