@@ -1,7 +1,6 @@
 """Whether this installation decodes videos: a clip is encoded in memory and read back."""
 
 import io
-from typing import NamedTuple
 
 import av
 import numpy as np
@@ -10,15 +9,8 @@ FRAMES, SIZE_PX = 5, 64
 LARGEST_ERROR = 12.0  # grey levels, of a frame's mean; both codecs lose some
 
 
-class CodecTest(NamedTuple):
-    """How a codec is tried: its encoder, container and pixel format."""
-
-    encoder: str
-    container: str
-    pixels: str
-
-
-CLIPS = {"h264": CodecTest("libx264", "mp4", "yuv420p"), "mjpeg": CodecTest("mjpeg", "avi", "yuvj420p")}
+# Encoder, container and pixel format, by codec.
+CLIPS = {"h264": ("libx264", "mp4", "yuv420p"), "mjpeg": ("mjpeg", "avi", "yuvj420p")}
 
 
 def decode_problem(codec: str) -> str | None:
@@ -34,12 +26,12 @@ def decode_problem(codec: str) -> str | None:
     return None if wrong < LARGEST_ERROR else f"decoded frames differ by {wrong:.0f} grey levels"
 
 
-def _encoded(clip: CodecTest, levels: np.ndarray) -> bytes:
-    out = io.BytesIO()
-    with av.open(out, "w", format=clip.container) as container:
-        stream = container.add_stream(clip.encoder, rate=100)
+def _encoded(clip: tuple[str, str, str], levels: np.ndarray) -> bytes:
+    out, (encoder, kind, pixels) = io.BytesIO(), clip
+    with av.open(out, "w", format=kind) as container:
+        stream = container.add_stream(encoder, rate=100)
         stream.width = stream.height = SIZE_PX
-        stream.pix_fmt = clip.pixels
+        stream.pix_fmt = pixels
         for level in levels:
             picture = np.full((SIZE_PX, SIZE_PX, 3), round(level), np.uint8)
             container.mux(stream.encode(av.VideoFrame.from_ndarray(picture, "rgb24")))
