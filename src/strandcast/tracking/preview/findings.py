@@ -103,14 +103,14 @@ def _no_hand(preview: Preview) -> list[str]:
         f"none of the hand's markers {expected} of {preview.expected.dictionary} is found "
         f"in {preview.sampled} frames"
     ]
-    for other in preview.others:
-        ids = ", ".join(map(str, other.ids))
-        if other.how == "mirrored":
+    for how, found in preview.others.items():
+        ids = ", ".join(map(str, found))
+        if how == "mirrored":
             lines.append(
                 f"markers {ids} are found mirrored: the picture is flipped; turn that off in the camera"
             )
         else:
-            lines.append(f"instead, markers {ids} {other.how} are found: compare them with the arm's file")
+            lines.append(f"instead, markers {ids} {how} are found: compare them with the arm's file")
     if not preview.others:
         lines.append(
             "no other marker is found either: is the hand in the picture and sharp, and the white rim around "

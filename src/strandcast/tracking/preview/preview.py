@@ -60,14 +60,6 @@ class PreviewFrame:
 
 
 @dataclass(frozen=True)
-class OtherMarkers:
-    """Other markers than the hand's: how they were read, and their ids."""
-
-    how: str
-    ids: tuple[int, ...]
-
-
-@dataclass(frozen=True)
 class Preview:
     """The tracker's detections in a few frames."""
 
@@ -80,7 +72,7 @@ class Preview:
     camera: Camera | None  # the calibration, or an estimate from the hand's markers
     calibrated: bool
     target: DetectedTarget | None
-    others: list[OtherMarkers]  # only if no marker of the hand is found
+    others: dict[str, tuple[int, ...]]  # see `other_markers`; empty if a marker of the hand is found
     expected: Expected
 
     @property
@@ -126,7 +118,7 @@ def preview(
         target=None
         if camera is None or expected.target_m is None
         else locate_target(background, camera, expected.target_m),
-        others=[] if any(hand is not None for hand in hands) else other_markers(sampled.pictures, expected),
+        others={} if any(hand is not None for hand in hands) else other_markers(sampled.pictures, expected),
         expected=expected,
     )
 
@@ -191,21 +183,17 @@ def with_string(
     )
 
 
-def other_markers(pictures: list[np.ndarray], expected: Expected) -> list[OtherMarkers]:
-    """Return other markers than the hand's: of its dictionary, mirrored ones, of other dictionaries."""
+def other_markers(pictures: list[np.ndarray], expected: Expected) -> dict[str, tuple[int, ...]]:
+    """Return the ids of other markers than the hand's: of its dictionary, mirrored, or of other ones."""
     few = [eight_bit(picture) for picture in pictures[:: max(1, len(pictures) // SEARCHED_FOR_IDS)]]
     others = tuple(sorted(set(_ids(few, expected.dictionary)) - set(expected.plane_ids)))
     if others:
-        return [OtherMarkers(f"of {expected.dictionary}", others)]
+        return {f"of {expected.dictionary}": others}
     mirrored = _ids([cv2.flip(picture, 1) for picture in few], expected.dictionary)
     if set(mirrored) & {marker.id for marker in expected.markers}:
-        return [OtherMarkers("mirrored", mirrored)]
-    found = [
-        OtherMarkers(f"of {family}", _ids(few[:4], family))
-        for family in FAMILIES
-        if not same_family(family, expected.dictionary)
-    ]
-    return [other for other in found if other.ids]
+        return {"mirrored": mirrored}
+    families = [family for family in FAMILIES if not same_family(family, expected.dictionary)]
+    return {f"of {family}": ids for family in families if (ids := _ids(few[:4], family))}
 
 
 def _ids(pictures: list[np.ndarray], dictionary: str) -> tuple[int, ...]:
