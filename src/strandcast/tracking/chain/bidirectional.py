@@ -11,7 +11,7 @@ from strandcast.tracking.chain.detection import Detection, detect_string
 from strandcast.tracking.chain.fit import FrameFit
 from strandcast.tracking.chain.frames import StringFrames
 from strandcast.tracking.chain.motion import ChainState
-from strandcast.tracking.chain.tracker import BETTER, GOOD, LINK_M, ChainTracker
+from strandcast.tracking.chain.tracker import BETTER, GOOD, ChainTracker
 from strandcast.tracking.tracker import StringHint
 
 # Frames in which the string is detected without its neighbours: the larger number only where the smaller one
@@ -23,23 +23,15 @@ THREADS = 2  # as many as there are directions
 ANCHORS = 4  # chosen: best detections tried as the start
 
 
-def links_of(string: StringHint) -> int:
-    """Return the number of links of the tracker's chain: a multiple of the number of mass points."""
-    return string.points * max(1, round(string.length_m / string.points / LINK_M))
-
-
 def survey(
     frames: StringFrames, candidates: np.ndarray, string: StringHint, polarity: float | None
 ) -> list[Detection]:
     """Return detections of the string in frames spread over the candidates (K,)."""
-    links = links_of(string)
     found: dict[int, Detection | None] = {}
 
     def detect(index: int) -> Detection | None:
         frame = frames.at(index)
-        if frame is None:
-            return None
-        return detect_string(index, frame, links, string.length_m / links, string.thickness_m, polarity)
+        return None if frame is None else detect_string(index, frame, string, polarity)
 
     for count in SURVEYED:
         spread = np.unique(np.linspace(0, len(candidates) - 1, count).astype(int))

@@ -13,8 +13,9 @@ from strandcast.tracking.chain.measure import LEAST_CONTRAST, level_at, measure_
 from strandcast.tracking.chain.motion import still_half_px
 from strandcast.tracking.chain.search_window import levels_at
 from strandcast.tracking.chain.tip import BEAD_TIMES, end_of_string
-from strandcast.tracking.chain.tracker import GOOD, find_string
+from strandcast.tracking.chain.tracker import GOOD, find_string, links_of
 from strandcast.tracking.pixel_map import to_pixel
+from strandcast.tracking.tracker import StringHint
 
 # All chosen on the drawn and lab videos of the tracking benchmark.
 NOISE_TIMES = 5.0  # a line this many times the noise is taken for the string while its contrast is unknown
@@ -49,19 +50,14 @@ class Detection:
 
 
 def detect_string(
-    frame: int,
-    given: FrameInput,
-    links: int,
-    link_m: float,
-    thickness_m: float | None,
-    polarity: float | None,
+    frame: int, given: FrameInput, string: StringHint, polarity: float | None
 ) -> Detection | None:
     """Detect the string in a single frame; None where nothing long and thin leaves the clamp.
 
     A known thickness and polarity (as in `Appearance`) are kept; those given as None are measured.
     """
-    window = given.window
-    scale = window.plane.metre_per_pixel
+    window, thickness_m, links = given.window, string.thickness_m, links_of(string)
+    scale, link_m = window.plane.metre_per_pixel, string.length_m / links
     noise = noise_of(window)
     half_m = 0.5 * thickness_m if thickness_m else 1.0 * scale
     contrast = max(NOISE_TIMES * noise, LEAST_CONTRAST)

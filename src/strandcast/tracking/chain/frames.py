@@ -15,7 +15,7 @@ from strandcast.tracking.hand.rigid import place
 
 @dataclass(frozen=True, eq=False)
 class FrameInput:
-    """One frame: search window, time, the hand's direction, clamp and beads.
+    """One frame: search window, time, clamp and beads.
 
     The string leaves the clamp at `clamp_m` (2,). Its beads are at `bead_m` (B, 2), NaN where one was not
     found; None before they are known.
@@ -23,7 +23,6 @@ class FrameInput:
 
     window: SearchWindow
     time_s: float
-    hand_rad: float
     clamp_m: np.ndarray
     bead_m: np.ndarray | None = None
 
@@ -98,7 +97,7 @@ class StringFrames:
             return None
         window = SearchWindow(*crop, self.background, self.crops.plane, box)
         bead_m = None if self.beads_m is None else self.beads_m[index]
-        return FrameInput(window, float(self.time_s[index]), box.angle_rad, self.clamp_m(index), bead_m)
+        return FrameInput(window, float(self.time_s[index]), self.clamp_m(index), bead_m)
 
     def window(self, index: int) -> SearchWindow | None:
         """Return a frame's search window; None if its hand is unknown."""

@@ -12,7 +12,6 @@ from strandcast.tracking.chain.appearance import Appearance
 from strandcast.tracking.chain.bead_search import Beads
 from strandcast.tracking.chain.bidirectional import (
     clamp_paths,
-    links_of,
     survey,
     take_corrections,
     track_bidirectional,
@@ -26,7 +25,7 @@ from strandcast.tracking.chain.measure import level_at
 from strandcast.tracking.chain.point_uncertainty import frame_points
 from strandcast.tracking.chain.refine import refine
 from strandcast.tracking.chain.tip import BEAD_TIMES
-from strandcast.tracking.chain.tracker import ChainTracker
+from strandcast.tracking.chain.tracker import ChainTracker, links_of
 from strandcast.tracking.tracker import StringHint
 
 POLARITIES = {"bright": 1.0, "dark": -1.0, "auto": None}

@@ -10,6 +10,7 @@ from strandcast.tracking.chain.frames import FrameInput
 from strandcast.tracking.chain.links import place_nodes
 from strandcast.tracking.chain.motion import ChainState, extrapolate, moving_half_px, still_half_px
 from strandcast.tracking.chain.search import LONG, Guide, Stride, trace_string
+from strandcast.tracking.tracker import StringHint
 
 # All chosen on the drawn and lab videos of the tracking benchmark.
 LINK_M = 0.006  # longest link of the tracker's chain
@@ -24,6 +25,11 @@ LEAST_PATH_REWARD = 0.12  # mean reward of a path worth fitting; hidden parts ea
 BETTER = 0.02  # by which the fit from another start, or a second one, must be better to be taken
 REDETECTED_BETTER = 0.05  # by which a redetected string must be
 GUIDE_WEIGHT = 0.1 / 0.05**2  # cost (1/m²) of a squared distance from the expected string
+
+
+def links_of(string: StringHint) -> int:
+    """Return the number of links of the tracker's chain: a multiple of the number of mass points."""
+    return string.points * max(1, round(string.length_m / string.points / LINK_M))
 
 
 class ChainTracker:
@@ -164,7 +170,8 @@ def find_string(
         near = Guide(np.zeros((links + 1, 2)), 0.0)
     else:
         near = Guide(place_nodes(frame.clamp_m, guide, link_m), GUIDE_WEIGHT)
+    clamp_rad = frame.window.hand_box.angle_rad
     found: tuple[np.ndarray, float] = trace_string(
-        frame.window, appearance, frame.clamp_m, frame.hand_rad, link_m, links, stride, near
+        frame.window, appearance, frame.clamp_m, clamp_rad, link_m, links, stride, near
     )
     return found

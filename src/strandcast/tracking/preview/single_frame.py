@@ -5,7 +5,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from strandcast.core.pose import Pose
-from strandcast.tracking.chain.bidirectional import links_of
 from strandcast.tracking.chain.detection import detect_string
 from strandcast.tracking.chain.frames import FrameInput
 from strandcast.tracking.chain.links import node_normals
@@ -46,9 +45,7 @@ def string_in_frame(
 
     `polarity` is 1 for a string brighter than the background, -1 for a darker one, None to measure it.
     """
-    links = links_of(string)
-    at = FrameInput(picture, 0.0, float(hand.angle_rad), hand.position_m)
-    found = detect_string(0, at, links, string.length_m / links, string.thickness_m, polarity)
+    found = detect_string(0, FrameInput(picture, 0.0, hand.position_m), string, polarity)
     if found is None:
         return None
     nodes = found.fit.nodes()
@@ -58,7 +55,7 @@ def string_in_frame(
     return StringInFrame(
         nodes_m=nodes,
         quality=found.fit.reward,
-        points_m=nodes[:: links // string.points],
+        points_m=nodes[:: len(found.fit.heading) // string.points],
         profile=profile,
         offsets_px=offsets,
         width_px=width,
