@@ -17,8 +17,7 @@ from strandcast.tracking.events.frame_rate import changing_rate_warnings
 from strandcast.tracking.events.led import LedMonitor
 from strandcast.tracking.events.target import locate_target, target_warnings
 from strandcast.tracking.hand.finder import HandFinder
-from strandcast.tracking.hand.marker_table import marker_table
-from strandcast.tracking.hand.path import TrackedHand, bridge_hand
+from strandcast.tracking.hand.path import TrackedHand, bridge_hand, marker_table
 from strandcast.tracking.hand.rigid import box_around
 from strandcast.tracking.pixel_map import tabulate
 from strandcast.tracking.preconditions import check_size

@@ -37,7 +37,7 @@ from strandcast.tracking.crops import Crops
 from strandcast.tracking.decoding import decode
 from strandcast.tracking.events.led import LedMonitor
 from strandcast.tracking.hand.finder import HandFinder
-from strandcast.tracking.hand.marker_table import marker_table
+from strandcast.tracking.hand.path import marker_table
 from strandcast.tracking.pixel_map import tabulate
 from strandcast.video.ingest import camera_times, inspect_video
 from strandcast_studies.evidence.clock_trials import ARM_FILE, TrueClock

@@ -15,9 +15,8 @@ from strandcast.tracking.chain.bead_search import (
     pin_beads,
 )
 from strandcast.tracking.chain.constraints import NO_TIP, Anchors, Constraints, Stiffness
-from strandcast.tracking.chain.line_scores import blank_hand, rewards_near, score_across
 from strandcast.tracking.chain.links import link_directions, nodes_along, normals_to, place_nodes, place_on
-from strandcast.tracking.chain.profiles import best_path, line_centre
+from strandcast.tracking.chain.profiles import best_path, blank_hand, line_centre, rewards_near, score_across
 from strandcast.tracking.chain.search_window import SearchWindow, hidden_nodes
 from strandcast.tracking.chain.smoother import Recursion, fit_headings, node_covariances
 from strandcast.tracking.chain.tip import END_PX, ends_at_tip, locate_tip
