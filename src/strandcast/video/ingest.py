@@ -1,7 +1,7 @@
 """Inspection of a video before tracking: frames, time stamps, gaps, hash, completeness."""
 
-from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -49,13 +49,7 @@ def inspect_video(
     contents = probe_isolated(path)
     digest, size = video_sha256(path)
     _check_not_empty(contents, path)
-    clock = _clock(contents, frame_rate_hz, path)
-    missing = sum(gap.missing for gap in clock.gaps)
-    cut = _cut(contents, missing)
-    if cut and not (missing_policy == "use_prefix" and _ends_early(contents)):
-        raise _refusal(cut, path)
-    _check_missing(missing, len(clock.ticks), path)
-    return VideoFacts(
+    facts = VideoFacts(
         file=Path(path).name,
         sha256=digest,
         size_bytes=size,
@@ -65,19 +59,18 @@ def inspect_video(
         width_px=contents.width_px,
         height_px=contents.height_px,
         header_frames=contents.promised or None,
-        packets=len(clock.ticks),
-        frame_rate_hz=clock.rate_hz,
         frame_rate_source="experiment" if frame_rate_hz else "time stamps",
-        time_base_s=clock.time_base_s,
-        time_stamps=clock.ticks.tolist(),
-        gaps=clock.gaps,
-        rounded_to_s=clock.rounded_to_s,
-        duplicates=int((np.diff(clock.ticks) == 0).sum()),
         discarded_packets=contents.discarded,
-        time_stamp_rate_hz=clock.stamped_hz,
-        whole=not cut,
-        notes=contents.notes + _rate_notes(clock) + _uneven_notes(clock) + ([cut] if cut else []),
+        **_clock(contents, frame_rate_hz, path),
     )
+    missing = sum(gap.missing for gap in facts.gaps)
+    cut = _cut(contents, missing)
+    if cut and not (missing_policy == "use_prefix" and _ends_early(contents)):
+        raise _refusal(cut, path)
+    _check_missing(missing, facts.packets, path)
+    facts.whole = not cut
+    facts.notes = contents.notes + _rate_notes(facts) + _uneven_notes(facts) + ([cut] if cut else [])
+    return facts
 
 
 def camera_times(facts: VideoFacts) -> np.ndarray:
@@ -95,19 +88,8 @@ def _check_not_empty(contents: Contents, path: str | Path) -> None:
         raise damaged("SC-V012", what, path, fix="give the recording of the throw")
 
 
-@dataclass(frozen=True)
-class _Clock:
-    """Time stamps from 0 in units of `time_base_s`; the true frame rate and that of the stamps."""
-
-    ticks: np.ndarray
-    time_base_s: float
-    rate_hz: float
-    stamped_hz: float | None  # None: the file has no time stamps
-    gaps: list[Gap]
-    rounded_to_s: float | None  # what the file's time stamps are multiples of, if the clock is not they
-
-
-def _clock(contents: Contents, frame_rate_hz: float | None, path: str | Path) -> _Clock:
+def _clock(contents: Contents, frame_rate_hz: float | None, path: str | Path) -> dict[str, Any]:
+    """Return those fields of `VideoFacts` that follow from the time stamps and the declared rate."""
     if contents.several_rates and frame_rate_hz is None:
         raise StrandcastError(
             "SC-V017",
@@ -132,8 +114,16 @@ def _clock(contents: Contents, frame_rate_hz: float | None, path: str | Path) ->
         _refuse_other_rate(rate_hz, stamped_hz, path)
     true = base_s if frame_rate_hz is None else None
     rounded = None if even is None else even.rounded_to * (contents.time_base_s or 1.0)
-    gaps = _gaps(ticks, step, rate_hz)
-    return _Clock(ticks, true or 1.0 / (rate_hz * step), rate_hz, stamped_hz, gaps, rounded)
+    return {
+        "packets": len(ticks),
+        "frame_rate_hz": rate_hz,
+        "time_stamp_rate_hz": stamped_hz,
+        "time_base_s": true or 1.0 / (rate_hz * step),
+        "time_stamps": ticks.tolist(),
+        "rounded_to_s": rounded,
+        "gaps": _gaps(ticks, step, rate_hz),
+        "duplicates": int((np.diff(ticks) == 0).sum()),
+    }
 
 
 def _refuse_other_rate(given_hz: float, camera_hz: float, path: str | Path) -> None:
@@ -181,13 +171,14 @@ def _check_missing(missing: int, held: int, path: str | Path) -> None:
         raise damaged("SC-V012", what, path, cost="fast parts of the throw are missing", fix=fix)
 
 
-def _rate_notes(clock: _Clock) -> list[str]:
-    if clock.stamped_hz is None or abs(clock.rate_hz / clock.stamped_hz - 1.0) < RATE_TOLERANCE:
+def _rate_notes(facts: VideoFacts) -> list[str]:
+    rate_hz, stamped_hz = facts.frame_rate_hz, facts.time_stamp_rate_hz
+    if stamped_hz is None or abs(rate_hz / stamped_hz - 1.0) < RATE_TOLERANCE:
         return []
-    kind = "a slow-motion export" if clock.rate_hz > clock.stamped_hz else "a time-lapse export"
+    kind = "a slow-motion export" if rate_hz > stamped_hz else "a time-lapse export"
     return [
-        f"its time stamps give {clock.stamped_hz:.6g} frames/s, the experiment {clock.rate_hz:.6g}, which is "
-        f"used: it is {kind}, {clock.rate_hz / clock.stamped_hz:.3g} times as fast as it plays"
+        f"its time stamps give {stamped_hz:.6g} frames/s, the experiment {rate_hz:.6g}, which is used: it is "
+        f"{kind}, {rate_hz / stamped_hz:.3g} times as fast as it plays"
     ]
 
 
@@ -200,13 +191,13 @@ def _gaps(ticks: np.ndarray, step: float, rate_hz: float) -> list[Gap]:
     ]
 
 
-def _uneven_notes(clock: _Clock) -> list[str]:
-    step = usual_step(clock.ticks)
-    steps = np.diff(clock.ticks)
-    single = steps[frame_steps(clock.ticks, step) <= 1]
-    if clock.stamped_hz is None or not len(single) or np.ptp(single) <= 2 * UNEVEN * step:
+def _uneven_notes(facts: VideoFacts) -> list[str]:
+    ticks = np.asarray(facts.time_stamps)
+    step, steps = usual_step(ticks), np.diff(ticks)
+    single = steps[frame_steps(ticks, step) <= 1]
+    if facts.time_stamp_rate_hz is None or not len(single) or np.ptp(single) <= 2 * UNEVEN * step:
         return []
-    low_ms, high_ms = (1e3 * clock.time_base_s * float(steps) for steps in (single.min(), single.max()))
+    low_ms, high_ms = (1e3 * facts.time_base_s * float(steps) for steps in (single.min(), single.max()))
     return [
         f"its frames follow each other at {low_ms:.4g} to {high_ms:.4g} ms: its time stamps are no even "
         "clock's, and are used as they are"
