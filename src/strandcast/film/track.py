@@ -179,8 +179,7 @@ def _tracked(
     decoded = decode(scene.file, facts, finder, crops)
     if not any(decoded.hands):
         raise not_held(scene, "what holds it is found in no frame")
-    background = scene_background(decoded.samples, None).picture
-    background = without_resting_string(background, scene.seen)
+    background = without_resting_string(scene_background(decoded.samples, None)[0], scene.seen)
     hand = bridge_hand(time_s, decoded.hands)
     given = _given_places(scene, finder.far_m, rows, known.points)
     frames = StringFrames(crops, np.ascontiguousarray(background), hand, time_s, extent, given=given)

@@ -74,16 +74,10 @@ def decode(
     return Decoded(hands, samples, opened.warnings())
 
 
-@dataclass(frozen=True, eq=False)
-class Background:
-    """The empty scene (height, width) in the video's depth, and where it comes from."""
+def scene_background(samples: Samples, given: np.ndarray | None) -> tuple[np.ndarray, str]:
+    """Return the empty scene (height, width) in the video's depth, and its source in words.
 
-    picture: np.ndarray
-    source: str
-
-
-def scene_background(samples: Samples, given: np.ndarray | None) -> Background:
-    """Return the empty scene: the given picture, or a median over the sampled frames.
+    It is the given picture, or a median over the sampled frames.
 
     Raises
     ------
@@ -92,8 +86,8 @@ def scene_background(samples: Samples, given: np.ndarray | None) -> Background:
     """
     learned, chosen = learn_background(samples.pictures)
     if given is None:
-        return Background(learned, f"median of {len(chosen)} frames")
-    return Background(_matched(given, learned), "given")
+        return learned, f"median of {len(chosen)} frames"
+    return _matched(given, learned), "given"
 
 
 def _matched(given: np.ndarray, learned: np.ndarray) -> np.ndarray:

@@ -8,7 +8,6 @@ import numpy as np
 from strandcast.camera.markers import eight_bit
 from strandcast.camera.movement import check_movement, find_movement, shift_warnings
 from strandcast.camera.tilt import PlaneTilt, fit_plane_tilt
-from strandcast.errors import StrandcastError
 from strandcast.records.camera import Camera
 from strandcast.records.record import RigFault
 from strandcast.tracking.background import Samples, pixel_median
@@ -32,17 +31,6 @@ END_SIGMA = 1.1
 RULER_M = 0.0007  # of the declared length beyond a weight: two readings, each to half a millimetre
 GRASP_M = 0.002  # chosen: by how much the length differs from throw to throw, as a hand clamps a string
 SIGMAS = 4.0
-
-
-def check_hand(hands: Sequence[HandDetection | None], finder: HandFinder, video: Path) -> None:
-    """Refuse a video in which the hand is never found (SC-A004)."""
-    if not any(hands):
-        raise StrandcastError(
-            "SC-A004",
-            finder.why_not(),
-            file=video,
-            field="markers",
-        )
 
 
 def plane_tilts(camera: Camera, finder: HandFinder, hands: Sequence[HandDetection | None]) -> list[PlaneTilt]:

@@ -4,6 +4,7 @@ import numpy as np
 
 from strandcast.camera.tilt import check_plane_tilt
 from strandcast.config.track import TrackSettings
+from strandcast.errors import StrandcastError
 from strandcast.tracking.attachments.declared_vs_detected import declaration_conflicts
 from strandcast.tracking.chain.appearance import Appearance
 from strandcast.tracking.chain.bridge import bridge_points
@@ -11,7 +12,7 @@ from strandcast.tracking.chain.frames import StringFrames
 from strandcast.tracking.chain.point_uncertainty import gate_accelerations
 from strandcast.tracking.chain.string_track import StringTrack, track_string
 from strandcast.tracking.crops import Crops, SmallFrames
-from strandcast.tracking.decoding import Background, decode, scene_background
+from strandcast.tracking.decoding import decode, scene_background
 from strandcast.tracking.events.contact import TipPath, detect_contact
 from strandcast.tracking.events.frame_rate import changing_rate_warnings
 from strandcast.tracking.events.led import LedMonitor
@@ -23,7 +24,6 @@ from strandcast.tracking.pixel_map import tabulate
 from strandcast.tracking.preconditions import check_size
 from strandcast.tracking.result import Tracked
 from strandcast.tracking.scene_checks import (
-    check_hand,
     confidence_warnings,
     end_sigma_m,
     left_plane,
@@ -64,11 +64,12 @@ def track_video(given: TrackerInput, settings: TrackSettings) -> Tracked:
     small = SmallFrames(given.facts.width_px, given.facts.height_px)
     decoded = decode(given.video, given.facts, finder, crops, led_monitor, small)
     samples = decoded.samples
-    background = scene_background(samples, given.background)
-    check_hand(decoded.hands, finder, given.video)
+    background, source = scene_background(samples, given.background)
+    if not any(decoded.hands):
+        raise StrandcastError("SC-A004", finder.why_not(), file=given.video, field="markers")
     hand = bridge_hand(time_s, decoded.hands)
     extent = box_around(given.markers)
-    frames = StringFrames(crops, np.ascontiguousarray(background.picture), hand, time_s, extent)
+    frames = StringFrames(crops, np.ascontiguousarray(background), hand, time_s, extent)
     string = track_string(frames, given.hint, settings, exposure_s, given.video)
     points_m, sigma_m, flags = assemble_points(time_s, hand, string.points)
     sampled = np.asarray(samples.indices)
@@ -76,14 +77,12 @@ def track_video(given: TrackerInput, settings: TrackSettings) -> Tracked:
     if given.target_m is not None:
         closest = closest_frame(time_s, points_m, flags[:, -1] == 0, given.target_m)
         instants = with_instant(instants, closest)
-    thrown = [
-        frame_picture(k, sampled, samples.pictures, crops, background.picture) for k in instants.tolist()
-    ]
+    thrown = [frame_picture(k, sampled, samples.pictures, crops, background) for k in instants.tolist()]
     out = left_plane(frames, string, camera)
     moved = movement_warnings(camera, samples, given.background, given.video)
     tilts = plane_tilts(camera, finder, decoded.hands)
     tilted = [(tilt.cost_m, found) for tilt in tilts if (found := check_plane_tilt(tilt, given.video))]
-    target = None if given.target_m is None else locate_target(background.picture, camera, given.target_m)
+    target = None if given.target_m is None else locate_target(background, camera, given.target_m)
     appearance = string.first.appearance
     end_m = end_sigma_m(appearance, given.hint.beyond_m)
     tip = tip_path(time_s, points_m, flags, appearance)
@@ -97,10 +96,10 @@ def track_video(given: TrackerInput, settings: TrackSettings) -> Tracked:
         sigma_m=sigma_m,
         flags=flags,
         markers=marker_table(finder, decoded.hands, time_s),
-        strobe=strobe_picture(background.picture, thrown, points_m[instants], camera),
+        strobe=strobe_picture(background, thrown, points_m[instants], camera),
         choices=choices(
             string,
-            background,
+            source,
             exposure_s,
             None if given.target_m is None else target is not None,
             instants,
@@ -165,7 +164,7 @@ def assemble_points(
 
 def choices(
     string: StringTrack,
-    background: Background,
+    background: str,
     exposure_s: float,
     target_found: bool | None,
     instants: np.ndarray,
@@ -173,7 +172,7 @@ def choices(
     """Return the tracker's estimates and decisions by name; `target_found` is None without a target."""
     appearance, clamp_fit = string.first.appearance, string.clamp_fit
     return {
-        "background": background.source,
+        "background": background,
         "exposure_s": exposure_s,
         "links": string.first.links,
         "thickness_m": 2 * appearance.half_m,

@@ -12,7 +12,6 @@ from strandcast.records.camera import Camera
 from strandcast.tracking.chain.bidirectional import clear_paths
 from strandcast.tracking.chain.fit import CLEAR, FrameFit
 from strandcast.tracking.chain.frames import StringFrames
-from strandcast.tracking.chain.links import place_nodes
 
 # Frames whose apparent length is accurate, chosen on eleven lab throws in the plane: it varied by at most
 # 1.0 mm between its deciles, on strings of 0.3 and 0.5 m.
@@ -50,7 +49,7 @@ def apparent_strings(frames: StringFrames, fits: list[FrameFit | None]) -> Appar
         fold = np.abs(fit.heading[2:] - fit.heading[:-2]).max(initial=0.0)
         shown = (fit.reward[first:] >= CLEAR).mean()
         if first * fit.link_m <= HIDDEN_M and fold <= FOLD_RAD and shown >= CLEAR_SHARE:
-            nodes.append(place_nodes(fit.root, fit.heading, fit.link_m))
+            nodes.append(fit.nodes())
             paths.append(path_m)
             directions.append(direction_rad)
     return ApparentStrings(np.array(nodes), np.array(paths), np.array(directions))

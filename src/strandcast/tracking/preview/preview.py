@@ -98,7 +98,10 @@ def preview(
         background, _ = learn_background(sampled.pictures, min(few, FRAMES))
     noise = unchanged_noise(sampled.pictures)
     used = camera or rough_camera(sampled.pictures, expected)
-    hands = find_hands(sampled.pictures, used, expected)
+    finder = None
+    if used is not None:
+        finder = HandFinder(used, expected.markers, expected.dictionary, used.string_offset_m)
+    hands = [None if finder is None else finder.find(picture) for picture in sampled.pictures]
     frames = [
         PreviewFrame(int(sampled.indices[k]), float(sampled.time_s[k]), sampled.pictures[k], hands[k])
         for k in choose_shown(sampled.pictures, hands)
@@ -143,16 +146,6 @@ def rough_camera(pictures: list[np.ndarray], expected: Expected) -> Camera | Non
         return None
     height, width = pictures[0].shape
     return flat_camera(width, height, float(np.median(scales)), (0.5 * width, 0.5 * height), source="hand")
-
-
-def find_hands(
-    pictures: list[np.ndarray], camera: Camera | None, expected: Expected
-) -> list[HandDetection | None]:
-    """Return the hand in each picture, found independently."""
-    if camera is None:
-        return [None] * len(pictures)
-    finder = HandFinder(camera, expected.markers, expected.dictionary, camera.string_offset_m)
-    return [finder.find(picture) for picture in pictures]
 
 
 def choose_shown(pictures: list[np.ndarray], hands: list[HandDetection | None]) -> list[int]:
