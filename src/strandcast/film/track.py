@@ -99,8 +99,7 @@ def _look(
 ) -> tuple[list[np.ndarray], SeenString]:
     """Return pictures spread over the film, and the string that they show (SC-T004 if there is none)."""
     with open_ingested(file, facts) as opened:
-        depth = 1 if opened.info.max_level < 256 else 2
-        samples = Samples(facts.packets, depth * opened.info.width * opened.info.height)
+        samples = Samples(facts.packets, opened.info.frame_bytes)
         for index, _, image in opened:
             samples.offer(index, image)
     sampled = eight_bit_of(samples.pictures)

@@ -59,8 +59,7 @@ def decode(
     progress = Progress("track: frames", total=facts.packets)
     with open_ingested(video, facts, threads=DECODER_THREADS) as opened:
         check_pixel_aspect(opened.info, finder.camera, video)
-        depth = 1 if opened.info.max_level < 256 else 2
-        samples = Samples(facts.packets, depth * opened.info.width * opened.info.height)
+        samples = Samples(facts.packets, opened.info.frame_bytes)
         for index, _, image in opened:
             samples.offer(index, image)
             hands.append(finder.find(image))

@@ -143,18 +143,13 @@ def _ring(info: VideoInfo, descriptor: int) -> list[memoryview]:
 
 def slot_bytes(info: VideoInfo) -> int:
     """Return the size of a slot of the ring [bytes]: a frame, rounded up to whole pages."""
-    return -(-frame_bytes(info) // mmap.PAGESIZE) * mmap.PAGESIZE
-
-
-def frame_bytes(info: VideoInfo) -> int:
-    """Return the size of a grey image [bytes]."""
-    return info.width * info.height * info.pixel_bytes
+    return -(-info.frame_bytes // mmap.PAGESIZE) * mmap.PAGESIZE
 
 
 def slots_of(ring: mmap.mmap, info: VideoInfo, count: int) -> list[memoryview]:
     """Return the memory of a ring's frames."""
     starts = (slot * slot_bytes(info) for slot in range(count))
-    return [memoryview(ring)[start : start + frame_bytes(info)] for start in starts]
+    return [memoryview(ring)[start : start + info.frame_bytes] for start in starts]
 
 
 def _fill(source: Source, slots: list[memoryview], cpu_s: int, records: int) -> None:

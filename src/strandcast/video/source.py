@@ -47,6 +47,11 @@ class VideoInfo:
         return 1 if self.max_level < 256 else 2
 
     @property
+    def frame_bytes(self) -> int:
+        """Return the size of a grey image [bytes]."""
+        return self.width * self.height * self.pixel_bytes
+
+    @property
     def dtype(self) -> np.dtype:
         """Return the type of a frame's pixels."""
         import numpy as np

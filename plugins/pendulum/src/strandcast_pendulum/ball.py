@@ -74,8 +74,7 @@ def learn_scene(path: str | Path, facts: VideoFacts) -> np.ndarray:
     """Return the background of a video, from a decoding pass of its own."""
     with open_ingested(path, facts) as video:
         check_pixel_aspect(video.info, None, path)
-        depth = 1 if video.info.max_level < 256 else 2
-        samples = Samples(facts.packets, depth * video.info.width * video.info.height)
+        samples = Samples(facts.packets, video.info.frame_bytes)
         for index, _, image in video:
             samples.offer(index, image)
     return learn_background(samples.pictures)[0]
