@@ -69,11 +69,11 @@ class LedMonitor:
         led = DetectedLed(window_px=list(self.window), brightness_grey=np.round(inside, DIGITS).tolist())
         if levels is None:
             return led, [_never(led, inside)]
-        led.dark_grey, led.lit_grey, led.noise_grey = levels.dark, levels.lit, levels.noise
-        lit = inside > levels.at(LIT)
-        led.burnt = bool(np.median(brightest[lit]) >= BURNT_SHARE * self._white)
-        switches = Switches(time_s, inside, around, levels, exposure_s, self.gammas, led.burnt)
-        led.events, led.rejected = switches.all()
+        led.dark_grey, led.lit_grey, led.noise_grey = dark, lit, noise = levels
+        contrast = lit - dark
+        led.burnt = bool(np.median(brightest[inside > dark + LIT * contrast]) >= BURNT_SHARE * self._white)
+        switches = Switches(time_s, inside, around, contrast, noise, exposure_s, self.gammas, led.burnt)
+        led.events, led.rejected = switches.all((inside - dark) / contrast)
         return led, _warnings(led, inside)
 
 
@@ -100,26 +100,8 @@ def window_of(led: LedSettings, camera: Camera) -> tuple[int, int, int, int]:
     return left, top, right, bottom
 
 
-@dataclass(frozen=True)
-class Levels:
-    """Brightness of the dark and of the lit window, and its noise in one frame [grey levels]."""
-
-    dark: float
-    lit: float
-    noise: float
-
-    @property
-    def contrast(self) -> float:
-        """Return how much brighter the lit window is."""
-        return self.lit - self.dark
-
-    def at(self, share: float) -> float:
-        """Return the brightness at a share of the way from dark to lit."""
-        return self.dark + share * self.contrast
-
-
-def levels_of(light: np.ndarray, white: float) -> Levels | None:
-    """Return the two levels of a brightness (F,), None if it has only one."""
+def levels_of(light: np.ndarray, white: float) -> tuple[float, float, float] | None:
+    """Return dark and lit grey level of a brightness (F,), and its noise; None if it has only one level."""
     values, counts = np.unique(light, return_counts=True)
     if len(light) < 2 * HOLD_FRAMES or len(values) < 2:
         return None
@@ -128,7 +110,7 @@ def levels_of(light: np.ndarray, white: float) -> Levels | None:
     # Steps from frame to frame are noise, except for the few at the LED's edges.
     noise = 1.4826 * float(np.median(np.abs(np.diff(light)))) / math.sqrt(2.0)
     least = max(LEAST_CONTRAST * white, LEAST_TIMES_NOISE * noise)
-    return Levels(dark, lit, noise) if lit - dark > least else None
+    return (dark, lit, noise) if lit - dark > least else None
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,14 +120,17 @@ class Switches:
     time_s: np.ndarray  # (F,)
     light: np.ndarray  # brightness of the window, (F,)
     around: np.ndarray  # and of its surroundings, (F,)
-    levels: Levels  # of `light`
+    contrast: float  # of `light`: how much brighter the lit window is than the dark one
+    noise: float  # of `light` in one frame
     exposure_s: float | None  # None if unknown
     gammas: tuple[float, float]  # least and greatest of the camera
     burnt: bool  # the lit LED saturates the camera: a frame that looks lit may be only partly lit
 
-    def all(self) -> tuple[list[DetectedSwitch], list[str]]:
-        """Return the switchings in order of time, and the reasons to reject other changes."""
-        share = (self.light - self.levels.dark) / self.levels.contrast
+    def all(self, share: np.ndarray) -> tuple[list[DetectedSwitch], list[str]]:
+        """Return the switchings in order of time, and the reasons to reject other changes.
+
+        `share` (F,) is the brightness between dark (0) and lit (1).
+        """
         period_s = float(np.median(np.diff(self.time_s)))
         runs, short = _runs(share, max(HOLD_FRAMES, math.ceil(HOLD_S / period_s)))
         events, rejected = [], [f"{short} flashes or dips of a few frames"] if short else []
@@ -173,8 +158,8 @@ class Switches:
             return f"takes {after.first - before.last - 1} frames"
         old, new = before.tail(), after.head()
         step = abs(_median(self.light, new) - _median(self.light, old))
-        if not STEPS[0] < step / self.levels.contrast < STEPS[1]:
-            return f"is {step:.1f} grey levels instead of {self.levels.contrast:.1f}"
+        if not STEPS[0] < step / self.contrast < STEPS[1]:
+            return f"is {step:.1f} grey levels instead of {self.contrast:.1f}"
         around = abs(_median(self.around, new) - _median(self.around, old))
         if around > SHARED_LIGHT * step:
             return f"the light around it changes as well, by {around:.1f} grey levels"
@@ -185,7 +170,7 @@ class Switches:
         frames = np.arange(before.last - 1, after.first + 2)
         old, new = _median(self.light, before.tail()), _median(self.light, after.head())
         share = (self.light[frames] - old) / (new - old)
-        error = max(LEAST_SHARE_ERROR, SHARE_NOISE * self.levels.noise / abs(new - old))
+        error = max(LEAST_SHARE_ERROR, SHARE_NOISE * self.noise / abs(new - old))
         period_s = float(np.max(np.diff(self.time_s[frames])))
         exposures = (0.0, period_s) if self.exposure_s is None else (self.exposure_s, self.exposure_s)
         if after.lit:
