@@ -13,7 +13,7 @@ import signal
 import subprocess
 import sys
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import closing, contextmanager, suppress
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import IO, Any
@@ -152,7 +152,7 @@ class DecoderProcess:
             exit_code=INTEGRITY if code == "SC-V005" else ENVIRONMENT,
         )
 
-    def end(self) -> None:
+    def close(self) -> None:
         """Kill the process."""
         self.process.kill()
         self.process.wait()
@@ -163,12 +163,11 @@ class DecoderProcess:
 
 @contextmanager
 def _running(request: Request, stall_s: float) -> Iterator[DecoderProcess]:
-    with _unnamed_file("strandcast-messages") as errors:
-        decoder = DecoderProcess(request, stall_s, errors)
-        try:
-            yield decoder
-        finally:
-            decoder.end()
+    with (
+        _unnamed_file("strandcast-messages") as errors,
+        closing(DecoderProcess(request, stall_s, errors)) as decoder,
+    ):
+        yield decoder
 
 
 def probe_isolated(path: str | Path) -> Contents:

@@ -34,9 +34,8 @@ GREY = {"raw", "mono", "monochrome", "grey", "gray"}
 
 @dataclass(frozen=True)
 class Header:
-    """A Photron header, and the file of its frames."""
+    """A Photron header, and the file of its frames, `data`."""
 
-    file: Path
     data: Path
     width: int
     height: int
@@ -75,7 +74,7 @@ def read_header(path: str | Path) -> Header:
         raise StrandcastError("SC-V010", what, file=head, field="Color Bit", fix=fix)
     low = bits == 8 or values["side"].lower() == "lower"
     max_level = (1 << (min(depth, bits) if low else bits)) - 1
-    return Header(head, data, width, height, frames, _number(values, "rate_hz", head), bits, max_level)
+    return Header(data, width, height, frames, _number(values, "rate_hz", head), bits, max_level)
 
 
 def _pair(file: Path) -> tuple[Path, Path]:

@@ -30,7 +30,6 @@ class StringInFrame:
     level: float  # median grey level
     behind: float  # and that of the background there
     polarity: float  # 1 if brighter than the background, -1 if darker, 0 if both
-    noise: float  # standard deviation of unchanged pixels, grey levels
 
     @property
     def contrast(self) -> float:
@@ -62,7 +61,6 @@ def string_in_frame(
         level=float(np.median(shown)) if len(shown) else float("nan"),
         behind=float(np.median(behind)) if len(behind) else float("nan"),
         polarity=found.appearance.polarity,
-        noise=found.appearance.noise,
     )
 
 
