@@ -10,8 +10,7 @@ from strandcast.core.hand_marker import HandMarker
 from strandcast.stages.preview import run
 from strandcast.tracking.preview.findings import contrast_to_noise, findings, problems
 from strandcast.tracking.preview.picture import preview_picture, shown_size, shown_window, spots_px
-from strandcast.tracking.preview.preview import Expected, preview
-from strandcast.tracking.preview.sampled import sample_video
+from strandcast.tracking.preview.preview import Expected, preview, sample_video
 from strandcast.tracking.tracker import StringHint
 from strandcast.video.ingest import camera_times, inspect_video
 

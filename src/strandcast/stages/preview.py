@@ -15,8 +15,7 @@ from strandcast.stages.photos import given_background
 from strandcast.tracking.chain.string_track import POLARITIES
 from strandcast.tracking.preview.findings import findings, problems
 from strandcast.tracking.preview.picture import preview_picture
-from strandcast.tracking.preview.preview import Expected, preview
-from strandcast.tracking.preview.sampled import sample_video
+from strandcast.tracking.preview.preview import Expected, preview, sample_video
 from strandcast.tracking.tracker import StringHint
 from strandcast.video.checks import slow_rate_warning
 from strandcast.video.ingest import inspect_video

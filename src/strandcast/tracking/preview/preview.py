@@ -2,6 +2,7 @@
 
 from collections import Counter
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -17,7 +18,9 @@ from strandcast.camera.markers import (
     same_family,
 )
 from strandcast.core.hand_marker import HandMarker
+from strandcast.progress import Progress
 from strandcast.records.camera import Camera
+from strandcast.records.manifest import VideoFacts
 from strandcast.records.track import DetectedTarget
 from strandcast.tracking.background import FRAMES, learn_background
 from strandcast.tracking.chain.search_window import HandBox, SearchWindow
@@ -25,14 +28,29 @@ from strandcast.tracking.events.target import locate_target
 from strandcast.tracking.hand.finder import HandDetection, HandFinder
 from strandcast.tracking.hand.rigid import box_around
 from strandcast.tracking.pixel_map import PixelMap, tabulate
-from strandcast.tracking.preview.sampled import SampledFrames
 from strandcast.tracking.preview.single_frame import StringInFrame, string_in_frame
 from strandcast.tracking.tracker import StringHint
+from strandcast.video.ingest import camera_times
+from strandcast.video.reader import open_video
 
+SAMPLES = 36
+MOST_DECODED = 2500  # later frames are ignored
 SHOWN = 6
 LEAST_BACKGROUND = 7  # frames for the background's median, at least
 SEARCHED_FOR_IDS = 8  # frames searched for other markers than the hand's
 OFTEN = 2  # pictures that must show a marker: large dictionaries find markers in any texture
+
+
+@dataclass(frozen=True)
+class SampledFrames:
+    """Grey frames in full range, spread over a video."""
+
+    indices: np.ndarray
+    time_s: np.ndarray
+    pictures: list[np.ndarray]
+    decoded: int  # number of decoded frames
+    max_level: int  # the whitest possible grey
+    warnings: list[str]  # of the decoder
 
 
 @dataclass(frozen=True)
@@ -79,6 +97,25 @@ class Preview:
     def strings(self) -> list[StringInFrame]:
         """Return the strings that were found."""
         return [frame.string for frame in self.frames if frame.string is not None]
+
+
+def sample_video(path: str | Path, facts: VideoFacts, count: int = SAMPLES) -> SampledFrames:
+    """Decode a video up to the last of `count` frames spread over its first 2500, and keep these."""
+    last = min(facts.packets, MOST_DECODED) - 1
+    wanted = np.unique(np.linspace(0, last, count).astype(int))
+    keep = set(wanted.tolist())
+    progress = Progress("preview: frames", total=last + 1)
+    pictures: dict[int, np.ndarray] = {}
+    decoded = 0
+    with open_video(path, frames=last + 1) as video:
+        for index, _, image in video:
+            decoded = index + 1
+            if index in keep:
+                pictures[index] = image.copy()
+            progress(decoded)
+    indices = np.array(sorted(pictures))
+    time_s, max_level = camera_times(facts)[indices], video.info.max_level
+    return SampledFrames(indices, time_s, list(pictures.values()), decoded, max_level, video.warnings())
 
 
 def preview(
