@@ -57,10 +57,9 @@ def track_video(given: TrackerInput, settings: TrackSettings) -> Tracked:
     check_size(given.facts, given.camera, given.video)
     camera, exposure_s = given.camera, given.exposure_s or EXPOSURE_SHARE / given.facts.frame_rate_hz
     time_s = camera_times(given.facts)
-    plane = tabulate(camera, camera.string_offset_m)
     finder = HandFinder(camera, given.markers, given.marker_dictionary, camera.string_offset_m)
     led_monitor = None if given.led is None else LedMonitor(given.led, camera)
-    crops = Crops(plane, CROP_LENGTHS * given.free_length_m)
+    crops = Crops(tabulate(camera, camera.string_offset_m), CROP_LENGTHS * given.free_length_m)
     small = SmallFrames(given.facts.width_px, given.facts.height_px)
     decoded = decode(given.video, given.facts, finder, crops, led_monitor, small)
     samples = decoded.samples
@@ -105,7 +104,7 @@ def track_video(given: TrackerInput, settings: TrackSettings) -> Tracked:
             instants,
         ),
         warnings=(
-            *(target_warnings(target) if given.target_m is not None else ()),
+            *target_warnings(target),
             *led_warnings,
             *changing_rate_warnings(time_s, points_m, sigma_m, flags),
             *moved,
