@@ -1,5 +1,6 @@
-"""The decoding pass: find hand and LED in every frame, keep a crop around the hand and some whole frames."""
+"""The decoding pass: find the hand in every frame, keep a crop around it and some whole frames."""
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
@@ -12,8 +13,7 @@ from strandcast.progress import Progress
 from strandcast.records.camera import Camera
 from strandcast.records.manifest import VideoFacts
 from strandcast.tracking.background import Samples, learn_background
-from strandcast.tracking.crops import Crops, SmallFrames
-from strandcast.tracking.events.led import LedMonitor
+from strandcast.tracking.crops import Crops
 from strandcast.tracking.hand.finder import HandDetection
 from strandcast.tracking.preconditions import check_count, check_pixel_aspect, open_ingested
 
@@ -44,10 +44,9 @@ def decode(
     facts: VideoFacts,
     finder: HeldEndFinder,
     crops: Crops,
-    led_monitor: LedMonitor | None = None,
-    small: SmallFrames | None = None,
+    also: Sequence[Callable[[np.ndarray], None]] = (),
 ) -> Decoded:
-    """Decode a video once, and keep the parts that later steps need.
+    """Decode a video once, and keep the parts that later steps need; `also` are called with every frame.
 
     Raises
     ------
@@ -64,10 +63,8 @@ def decode(
             samples.offer(index, image)
             hands.append(finder.find(image))
             crops.keep(image, None if hands[-1] is None else hands[-1].pose)
-            if small is not None:
-                small.keep(image)
-            if led_monitor is not None:
-                led_monitor.look(image)
+            for look in also:
+                look(image)
             progress(index + 1)
     check_count(len(hands), facts, video)
     return Decoded(hands, samples, opened.warnings())

@@ -61,7 +61,8 @@ def track_video(given: TrackerInput, settings: TrackSettings) -> Tracked:
     led_monitor = None if given.led is None else LedMonitor(given.led, camera)
     crops = Crops(tabulate(camera, camera.string_offset_m), CROP_LENGTHS * given.free_length_m)
     small = SmallFrames(given.facts.width_px, given.facts.height_px)
-    decoded = decode(given.video, given.facts, finder, crops, led_monitor, small)
+    also = [small.keep] if led_monitor is None else [small.keep, led_monitor.look]
+    decoded = decode(given.video, given.facts, finder, crops, also)
     samples = decoded.samples
     background, source = scene_background(samples, given.background)
     if not any(decoded.hands):

@@ -130,7 +130,7 @@ def film(arm: PlanarArm, kind: LedCase, seed: int, folder: Path, gamma: float | 
     video = inspect_video(folder / VIDEO)
     finder = HandFinder(camera, arm.markers, arm.marker_dictionary, 0.0)
     monitor = TimedMonitor(LedSettings(place_m=kind.place_m, gamma=gamma), camera)
-    decoded = decode(folder / VIDEO, video, finder, Crops(tabulate(camera, 0.0), 0.3), monitor)
+    decoded = decode(folder / VIDEO, video, finder, Crops(tabulate(camera, 0.0), 0.3), [monitor.look])
     time_s = camera_times(video)
     lamp = lab_switched(record.motion_end_s - record.motion_start_s, rng(name, seed, 1, "lab-led"))
     return FilmedLedThrow(
