@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from strandcast.tracking.chain.bead_search import no_pins
 from strandcast.tracking.chain.constraints import NO_TIP, Anchors, Constraints, Pins, Stiffness, Tip
 from strandcast.tracking.chain.links import node_normals, per_axis, place_nodes
 from strandcast.tracking.chain.smoother import fit_headings, node_covariances
@@ -11,7 +10,7 @@ from strandcast.tracking.chain.smoother import fit_headings, node_covariances
 LINK_M = 0.006
 LOOSE = Stiffness(change=0.5, bend=5.0, hidden=5.0, prior=50.0, clamp=50.0, root_m=1e-5)
 USUAL = Stiffness(change=0.2, bend=1.0, hidden=0.2, prior=0.8, clamp=2.0, root_m=0.0025)
-NO_PINS = no_pins()
+NO_PINS = Pins(np.zeros(0), np.zeros((0, 2)), np.zeros(0))
 FREE = Anchors(NO_TIP, NO_PINS)
 
 

@@ -24,12 +24,6 @@ class Beads(NamedTuple):
     highest: np.ndarray  # the highest, (B,)
 
 
-@njit(cache=True, inline="always")
-def no_pins() -> Pins:
-    """Return no pins."""
-    return Pins(np.zeros(0), np.zeros((0, 2)), np.zeros(0))
-
-
 @njit(cache=True)
 def pin_beads(
     window: SearchWindow, nodes: np.ndarray, heading: np.ndarray, beads: Beads, expected_m: np.ndarray
@@ -52,12 +46,6 @@ def pin_beads(
             point_m[count, 0], point_m[count, 1] = centre[0], centre[1]
             count += 1
     return Pins(place_m[:count], point_m[:count], np.full(count, 1.0 / (BEAD_PX * scale) ** 2))
-
-
-@njit(cache=True, inline="always")
-def has_tip_pin(pins: Pins, beads: Beads) -> bool:
-    """Return whether the last pin is that of the last bead."""
-    return len(pins.place_m) > 0 and pins.place_m[-1] == beads.place_m[-1]
 
 
 @njit(cache=True)

@@ -6,15 +6,8 @@ import numpy as np
 from numba import njit
 
 from strandcast.tracking.chain.appearance import Appearance
-from strandcast.tracking.chain.bead_search import (
-    Beads,
-    behind_bead,
-    has_tip_pin,
-    is_tip_given,
-    no_pins,
-    pin_beads,
-)
-from strandcast.tracking.chain.constraints import NO_TIP, Anchors, Constraints, Stiffness
+from strandcast.tracking.chain.bead_search import Beads, behind_bead, is_tip_given, pin_beads
+from strandcast.tracking.chain.constraints import NO_TIP, Anchors, Constraints, Pins, Stiffness
 from strandcast.tracking.chain.links import link_directions, nodes_along, normals_to, place_nodes, place_on
 from strandcast.tracking.chain.profiles import best_path, blank_hand, line_centre, rewards_near, score_across
 from strandcast.tracking.chain.search_window import SearchWindow, hidden_nodes
@@ -98,7 +91,8 @@ def fit_frame(
     hidden = hidden_nodes(window, nodes, normals_to(chain.along), expected.half_px, appearance)
     hidden &= chain.reward < CLEAR
     slide_m = tip.along_m if tip.weight > 0 else np.nan
-    bead_found = np.isfinite(appearance.bead_level) and has_tip_pin(pins, string.beads)
+    tip_pinned = len(pins.place_m) > 0 and pins.place_m[-1] == string.beads.place_m[-1]
+    bead_found = np.isfinite(appearance.bead_level) and tip_pinned
     if bead_found:
         off = pins.point_m[-1] - place_on(nodes, chain.heading, pins.place_m[-1])
         slide_m = np.cos(chain.heading[-1]) * off[0] + np.sin(chain.heading[-1]) * off[1]
@@ -141,7 +135,7 @@ def fit_in_rounds(
 ) -> tuple[ChainFit, Anchors]:
     """Return the chain after rounds of profiles and fits, and its anchors."""
     link_m, scale = string.link_m, window.plane.metre_per_pixel
-    anchors = Anchors(NO_TIP, no_pins())
+    anchors = Anchors(NO_TIP, Pins(np.zeros(0), np.zeros((0, 2)), np.zeros(0)))
     root, heading = expected.clamp_m, expected.start
     along = link_directions(heading)
     nodes = nodes_along(root, along, link_m)
@@ -150,7 +144,8 @@ def fit_in_rounds(
     # paths, as numba requires from Python 3.12 on.
     while True:
         chain = sample_and_fit(window, string, expected, root, heading, along, nodes, reach_px, anchors)
-        moved = largest_shift_m(nodes, chain.nodes)
+        off_m = chain.nodes - nodes
+        moved_m = np.sqrt((off_m[:, 0] ** 2 + off_m[:, 1] ** 2).max())
         root, heading, along, nodes = chain.root, chain.heading, chain.along, chain.nodes
         if turn == ROUNDS:
             break
@@ -161,7 +156,7 @@ def fit_in_rounds(
             if not np.isfinite(string.appearance.bead_level) and not tip_given:
                 tip = locate_tip(window, nodes, heading, string.appearance)
             anchors = Anchors(tip, pins)
-        if turn > 1 and moved < MOVED_PX * scale:
+        if turn > 1 and moved_m < MOVED_PX * scale:
             break
     return chain, anchors
 
@@ -170,13 +165,6 @@ def fit_in_rounds(
 def nearest_turn(angle_rad: float, reference_rad: float) -> float:
     """Return `angle_rad` plus the whole turns that bring it closest to `reference_rad`."""
     return float(angle_rad + 2 * np.pi * np.round((reference_rad - angle_rad) / (2 * np.pi)))
-
-
-@njit(cache=True, inline="always")
-def largest_shift_m(before: np.ndarray, nodes: np.ndarray) -> float:
-    """Return the largest distance of a node between two chains (M + 1, 2) (m)."""
-    off = nodes - before
-    return float(np.sqrt((off[:, 0] ** 2 + off[:, 1] ** 2).max()))
 
 
 @njit(cache=True, inline="always")
