@@ -98,7 +98,7 @@ def refuse_settings_of_others(context: Context, *, in_space: bool) -> None:
     }
     for field in [field for field, is_wrong in wrong.items() if is_wrong]:
         what = f"{field} does not apply to a string in {'space' if in_space else 'the plane'}"
-        fix = f"give ranges of {', '.join(known)}" if field == "estimate.ranges" else "leave it out"
+        fix = f"give ranges of {', '.join(known)}" if field == "estimate.ranges" else None
         raise StrandcastError("SC-E008", what, file=context.file, field=field, fix=fix)
 
 
