@@ -6,6 +6,7 @@ from itertools import groupby
 import numpy as np
 
 from strandcast.alignment.coarse_search import MOST_DETECTIONS, STEP_S, AlignmentData
+from strandcast.core.interpolation import resampled
 from strandcast.errors import StrandcastError
 from strandcast.rig.model import RigError, marker_poses
 
@@ -104,7 +105,7 @@ def _costs(data: AlignmentData, error: RigError, time_s: np.ndarray) -> tuple[np
     for marker in np.unique(some.marker):
         mine = some.marker == marker
         path = marker_poses(data.rig, rows.q_rad, np.full(len(rows.time_s), marker), error).position_m
-        path_m = np.stack([np.interp(grid_s, rows.time_s, axis) for axis in path.T], axis=1)
+        path_m = resampled(grid_s, rows.time_s, path)
         np.add.at(cost, frame[mine], capped_cost(some.pose.position_m[mine][:, None] - path_m))
     return grid_s, cost
 

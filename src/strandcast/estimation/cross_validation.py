@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from strandcast.core.interpolation import resampled
 from strandcast.dynamics.spatial.clamps import POSE
 from strandcast.estimation.descent import LADDER, GaussNewtonModel, descend, descent_batch
 from strandcast.estimation.evaluation import Array, evaluation_of_points
@@ -31,7 +32,7 @@ def without_model(whole: FitObjective) -> dict[str, float]:
     """
     (throw,), along = whole.throws, np.linspace(0.0, 1.0, whole.model.points + 1)[:, None]
     axes, path_m = throw.points_m.shape[2], throw.hand.pose
-    frames_m = np.column_stack([np.interp(throw.time_s, throw.hand.time_s, each) for each in path_m.T])
+    frames_m = resampled(throw.time_s, throw.hand.time_s, path_m)
     far = slice(-POSE, path_m.shape[1] - POSE + axes) if axes == 3 else slice(axes)
     guesses = {}
     if path_m.shape[1] <= POSE:

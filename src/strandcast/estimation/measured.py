@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from strandcast.config.estimate import EstimateSettings
+from strandcast.core.interpolation import resampled
 from strandcast.dynamics.batch import HANGING_AT_REST, HandPath, StringStart
 from strandcast.errors import FAILED_TRIALS, StrandcastError
 from strandcast.estimation.cable_series import CableSeries
@@ -45,7 +46,7 @@ class Throw:
 
     def hand_at(self, time_s: Array) -> Array:
         """Return the hand's path at times (...), linear between its samples: (..., 3)."""
-        return np.stack([np.interp(time_s, self.hand_time_s, column) for column in self.hand_pose.T], axis=-1)
+        return resampled(time_s, self.hand_time_s, self.hand_pose)
 
 
 def moved_to_hand(throw: Throw) -> Throw:

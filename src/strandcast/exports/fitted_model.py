@@ -11,6 +11,7 @@ from scipy.signal import savgol_filter
 from strandcast.api import TrialView
 from strandcast.arm.kinematics import hand_pose
 from strandcast.arm.load import load_arm
+from strandcast.core.interpolation import resampled
 from strandcast.core.strings import CAMERA_OFFSET
 from strandcast.dynamics.batch import HANGING_AT_REST, HandPath
 from strandcast.dynamics.simulate import simulate_batch
@@ -111,7 +112,7 @@ def play(
             break
         data.qfrc_applied[:3] = push[k]
         mujoco.mj_step(model, data)
-    at = np.stack([np.interp(throw.time_s, time_s, column) for column in q.T], axis=1)
+    at = resampled(throw.time_s, time_s, q)
     angle = at[:, 2:3] + np.cumsum(at[:, bends], axis=1)
     length = string.spacing_m + (at[:, stretches] if len(stretches) else 0.0)
     steps = np.stack([length * np.cos(angle), length * np.sin(angle)], axis=-1)

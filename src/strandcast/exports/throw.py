@@ -8,6 +8,7 @@ import numpy as np
 from strandcast.api import TrialView
 from strandcast.arm.kinematics import hand_pose, link_points
 from strandcast.arm.load import PlanarArm, load_arm
+from strandcast.core.interpolation import resampled
 from strandcast.core.trial_names import trial_digits
 from strandcast.errors import StrandcastError
 from strandcast.records.joint_log import JointLog
@@ -66,7 +67,7 @@ class ThrowData:
         """Return columns (T, J) of the log at times (K,): (K, J), NaN without a log."""
         if not len(self.joint_time_s):
             return np.full((len(time_s), len(self.arm.joints)), np.nan)
-        return np.stack([np.interp(time_s, self.joint_time_s, column) for column in values.T], axis=1)
+        return resampled(time_s, self.joint_time_s, values)
 
 
 def read_throw(trial: TrialView) -> ThrowData:

@@ -10,6 +10,7 @@ import scipy
 
 from strandcast.arm.load import Arm
 from strandcast.arm.servo import respond
+from strandcast.core.interpolation import resampled
 from strandcast.errors import StrandcastError
 from strandcast.records.joint_log import JointLog
 from strandcast.records.motion import Motion
@@ -213,7 +214,7 @@ def _match(log: JointLog, motion: Motion, arm: Arm) -> Match:
     step_s = 1.0 / arm.log_rate_hz
     planned = motion.trajectory()
     time_s = np.arange(round((planned.end_s + TAIL_S) / step_s) + 1) * step_s
-    command = np.stack([np.interp(time_s, planned.time_s, joint) for joint in planned.q_rad.T], axis=1)
+    command = resampled(time_s, planned.time_s, planned.q_rad)
     commanded = _commanded(log, motion.joint_names)
     if commanded.any():
         rows, values, expected = commanded, log.q_cmd_rad, command
@@ -227,7 +228,7 @@ def _match(log: JointLog, motion: Motion, arm: Arm) -> Match:
 
     def off(start_s: float) -> tuple[np.ndarray, np.ndarray]:
         """Return by how much the joints are off (T, J), and where the log has rows (T,)."""
-        shifted = np.stack([np.interp(start_s + time_s, logged_s, joint) for joint in logged.T], axis=1)
+        shifted = resampled(start_s + time_s, logged_s, logged)
         known = (start_s + time_s >= logged_s[0] - step_s) & (start_s + time_s <= logged_s[-1] + step_s)
         return shifted - expected, known
 
@@ -236,7 +237,7 @@ def _match(log: JointLog, motion: Motion, arm: Arm) -> Match:
         return float(np.sqrt((off_rad[known] ** 2).mean())) if known.any() else np.inf
 
     even_s = np.arange(logged_s[0], logged_s[-1] + step_s, step_s)
-    even = np.stack([np.interp(even_s, logged_s, joint) for joint in logged.T], axis=1)
+    even = resampled(even_s, logged_s, logged)
     # Starts at which the log misses a part of the motion are included, so that this can be reported.
     misses = len(time_s) // 2
     best = float(logged_s[0] + step_s * (int(np.argmin(_squares(even, expected, misses))) - misses))

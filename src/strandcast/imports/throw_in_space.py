@@ -10,6 +10,7 @@ from scipy.linalg import block_diag
 from scipy.optimize import OptimizeResult, least_squares
 from scipy.spatial.transform import Rotation
 
+from strandcast.core.interpolation import resampled
 from strandcast.records.alignment import EndPath
 from strandcast.records.record import refusal
 
@@ -44,7 +45,7 @@ class ThrownBy(NamedTuple):
 
     def at(self, time_s: np.ndarray) -> np.ndarray:
         """Return the poses (F, 9) of the hand at times (F,)."""
-        return np.column_stack([np.interp(time_s, self.time_s, column) for column in self.pose.T])
+        return resampled(time_s, self.time_s, self.pose)
 
     def end(self) -> EndPath:
         """Return the path of the driven end, at the times of the log."""
@@ -165,7 +166,7 @@ def _coarse_offset_s(thrown: ThrownBy, time_s: np.ndarray, hand_m: np.ndarray, f
     at_s = np.arange(start_s, end_s, STEP_S)
     arm_m_s = _speed(at_s, thrown.at(at_s)[:, :3])
     even_s = np.arange(time_s[0], time_s[-1], STEP_S)
-    seen_m_s = _speed(even_s, np.column_stack([np.interp(even_s, time_s, axis) for axis in hand_m.T]))
+    seen_m_s = _speed(even_s, resampled(even_s, time_s, hand_m))
     offsets_s = np.arange(first_s, last_s + STEP_S, STEP_S)
     off = [np.mean((np.interp(at_s - offset_s, even_s, seen_m_s) - arm_m_s) ** 2) for offset_s in offsets_s]
     return float(offsets_s[int(np.argmin(off))])

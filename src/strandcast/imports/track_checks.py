@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from strandcast.core.interpolation import resampled
 from strandcast.core.jumps import GLITCH_M_S, jumps
 from strandcast.errors import StrandcastError
 from strandcast.imports.clock import clock_problem
@@ -48,7 +49,7 @@ class DrivenPath(NamedTuple):
         def interpolated(path: np.ndarray | None) -> np.ndarray | None:
             if path is None:
                 return None
-            return np.column_stack([np.interp(time_s, self.time_s, column) for column in path.T])
+            return resampled(time_s, self.time_s, path)
 
         return DrivenPath(time_s, [EndPath(*map(interpolated, end)) for end in self.ends])  # type: ignore[arg-type]
 

@@ -9,6 +9,7 @@ import numpy as np
 import scipy
 
 from strandcast.arm.load import Arm, PlanarArm, clamp_frame
+from strandcast.core.interpolation import resampled
 from strandcast.core.trajectory import JointTrajectory
 from strandcast.errors import FAILED_TRIALS, StrandcastError
 from strandcast.lab.rig import LabRig, SlipInClamp, build_rig
@@ -166,7 +167,7 @@ def swing_on(
 def _at_cycles(command: JointTrajectory, time_s: np.ndarray) -> JointTrajectory:
     """Return the command at the controller's cycles: linear between samples, constant before and after."""
     q, qd, qdd = (
-        np.stack([np.interp(time_s, command.time_s, column) for column in block.T], axis=1)
+        resampled(time_s, command.time_s, block)
         for block in (command.q_rad, command.qd_rad_s, command.qdd_rad_s2)
     )
     return JointTrajectory(time_s, q, qd, qdd)

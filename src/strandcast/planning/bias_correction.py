@@ -7,10 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from strandcast.core.interpolation import resampled
 from strandcast.core.strings import StringBatch
 from strandcast.dynamics.simulate import LONGEST_SEGMENT
 from strandcast.planning.bezier import Curve
-from strandcast.planning.past_trials import PastTrial, resampled
+from strandcast.planning.past_trials import PastTrial
 from strandcast.planning.rollouts import RolloutConditions, Rollouts, simulate_rollouts
 from strandcast.planning.simulated_misses import simulated_miss
 from strandcast.planning.task import PlanningTask

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from strandcast.core.interpolation import resampled
 from strandcast.planning.bezier import Curve
 from strandcast.planning.miss_calibration import FITTED
 from strandcast.planning.rollouts import AFTER_END_S
@@ -104,11 +105,6 @@ def stated_miss_m(motion: Motion) -> float | None:
     if stated is None or origin is None or not stated.calibrated or origin.kind not in FITTED:
         return None
     return stated.miss_quantiles_m.get("p50")
-
-
-def resampled(time_s: np.ndarray, known_s: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """Return columns of `values` at other times, linear between samples, held at the ends."""
-    return np.stack([np.interp(time_s, known_s, column) for column in values.T], axis=1)
 
 
 def start_shape(frame_s: np.ndarray, points_m: np.ndarray) -> np.ndarray | None:

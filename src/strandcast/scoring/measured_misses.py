@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from strandcast.core.closest_approach import GAP_STEPS, closest_approach, gap_message, segment_approaches
+from strandcast.core.interpolation import resampled
 from strandcast.core.objectives import (
     DIRECTION_M_RAD,
     SPEED_S,
@@ -165,7 +166,7 @@ def tip_velocity(throw: TrackedThrow, from_before: int = 0) -> tuple[np.ndarray,
         before = np.maximum(np.arange(len(there)) - from_before, 0)
         begin_s = np.maximum(throw.time_s[before] - VELOCITY_S, time_s[0])
         end_s = np.minimum(throw.time_s + VELOCITY_S, time_s[-1])
-        ends = [np.stack([np.interp(t, time_s, x) for x in tip_m.T], axis=1) for t in (begin_s, end_s)]
+        ends = [resampled(t, time_s, tip_m) for t in (begin_s, end_s)]
         known = there & ~_across_gaps(throw, time_s, begin_s, end_s) & (end_s > begin_s)
         velocity[known] = ((ends[1] - ends[0]) / (end_s - begin_s)[:, None])[known]
     return velocity, throw.sigma_m[:, -1] / (np.sqrt(2.0) * VELOCITY_S)

@@ -10,6 +10,7 @@ from strandcast.alignment.joints import without_row_noise
 from strandcast.arm.load import Arm, PlanarArm
 from strandcast.arm.servo_response import Response, identify_response
 from strandcast.config.estimate import EstimateSettings
+from strandcast.core.interpolation import resampled
 from strandcast.core.objectives import Objective
 from strandcast.core.strings import PARAMETERS, StringBatch
 from strandcast.dynamics.masses import FREE_END, MassLayout, mass_layout
@@ -247,14 +248,11 @@ def _commanded_and_measured(
     log = trial.log
     assert log is not None
     columns = [log.joint_names.index(name) for name in arm.joints]
-    known = np.isfinite(log.q_cmd_rad[:, columns]).all(axis=1)
+    command_rad, q_rad = log.q_cmd_rad[:, columns], log.q_rad[:, columns]
+    known = np.isfinite(command_rad).all(axis=1)
     if not known.any():
         return None
     start_s, end_s = trial.alignment.motion_start_s, trial.alignment.motion_end_s + AFTER_MOTION_S
     time_s = start_s + np.arange(round((end_s - start_s) / step_s) + 1) * step_s
-
-    def resampled(rows: np.ndarray, values: np.ndarray) -> np.ndarray:
-        given = values[rows][:, columns]
-        return np.stack([np.interp(time_s, log.time_s[rows], joint) for joint in given.T], axis=1)
-
-    return resampled(known, log.q_cmd_rad), resampled(np.ones_like(known), log.q_rad)
+    commanded_rad = resampled(time_s, log.time_s[known], command_rad[known])
+    return commanded_rad, resampled(time_s, log.time_s, q_rad)

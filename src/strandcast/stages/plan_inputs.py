@@ -9,10 +9,11 @@ import scipy
 from strandcast.arm.load import Arm
 from strandcast.arm.servo import Servo
 from strandcast.config.experiment import Experiment
+from strandcast.core.interpolation import resampled
 from strandcast.core.strings import FAR_OFFSET, PARAMETERS, StringBatch
 from strandcast.dynamics.model import StringModel
 from strandcast.errors import StrandcastError
-from strandcast.planning.past_trials import PastTrial, past_trial, resampled
+from strandcast.planning.past_trials import PastTrial, past_trial
 from strandcast.planning.scenarios import STRINGS
 from strandcast.planning.start_strings import (
     in_another_clamp,

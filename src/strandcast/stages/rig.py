@@ -6,9 +6,10 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from strandcast.arm.load import load_arm
+from strandcast.core.interpolation import resampled
 from strandcast.errors import StrandcastError
 from strandcast.planning.bias_correction import distance_rad_s
-from strandcast.planning.past_trials import PastTrial, resampled
+from strandcast.planning.past_trials import PastTrial
 from strandcast.records.estimate import Estimate, RigOffsets
 from strandcast.stages.context import Context
 from strandcast.stages.declarations import STAGES

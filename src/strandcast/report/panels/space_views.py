@@ -6,6 +6,7 @@ import numpy as np
 from markupsafe import Markup
 from numpy.typing import NDArray
 
+from strandcast.core.interpolation import resampled
 from strandcast.records.verdict import Verdict
 from strandcast.report import drawing as draw
 from strandcast.report.measures import fit_errors_m, fit_window, fitted_rows, strobe_rows
@@ -114,7 +115,7 @@ def _ends(results: TrialResults, rows: NDArray[np.int64]) -> list[Array]:
     if path is None:
         return []
     time_s = results.robot_time_s()[rows]
-    at = np.column_stack([np.interp(time_s, path.robot_time_s, column) for column in path.pose.T])
+    at = resampled(time_s, path.robot_time_s, path.pose)
     return np.split(at, at.shape[1] // 3, axis=1)
 
 

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from strandcast.arm.load import PlanarArm, load_arm
+from strandcast.core.interpolation import resampled
 from strandcast.core.strings import StringBatch
 from strandcast.core.trajectory import JointTrajectory
 from strandcast.lab.strings import physical_string
@@ -22,7 +23,7 @@ from strandcast.lab.swing import simulate_swing
 from strandcast.lab.truth import true_miss
 from strandcast.lab.variation import ThrowVariation, draw_variation
 from strandcast.planning.bezier import Curve, sample
-from strandcast.planning.past_trials import PastTrial, curve_of, resampled, start_shape
+from strandcast.planning.past_trials import PastTrial, curve_of, start_shape
 from strandcast.planning.plan import plan_next
 from strandcast.planning.rollouts import AFTER_END_S
 from strandcast.planning.task import PlanningTask

@@ -20,6 +20,7 @@ from scipy.signal import savgol_filter
 from strandcast.config.estimate import EstimateSettings
 from strandcast.config.plan import PlanSettings
 from strandcast.core.closest_approach import closest_approach
+from strandcast.core.interpolation import resampled
 from strandcast.dynamics.masses import mass_layout
 from strandcast.dynamics.model import StringModel
 from strandcast.estimation.cable_series import CableSeries
@@ -37,7 +38,7 @@ from strandcast.lab.truth import true_miss
 from strandcast.lab.variation import LabClocks, draw_variation
 from strandcast.planning.describe import PlannedMotion
 from strandcast.planning.miss_calibration import rms_of
-from strandcast.planning.past_trials import PastTrial, resampled, start_shape
+from strandcast.planning.past_trials import PastTrial, start_shape
 from strandcast.planning.plan import plan_first, plan_next
 from strandcast.planning.rollouts import AFTER_END_S
 from strandcast.planning.scenarios import STRINGS
