@@ -175,6 +175,7 @@ def test_yaml_1_2_numbers_and_words(tmp_path):
         ("workspace_m: {x_m: [0, 0.4], y_m: [0, 1]}\n", 3, "target_m", "widen workspace_m"),
         ("title: x\nmin_trials: 4\nmax_trials: 3\n", 5, "min_trials", "max_trials"),
         ("objective: {direction_rad: 1}\n", 4, "objective", "kind is one of point"),
+        ("objective: {kind: swng}\n", 4, "objective", "did you mean 'swing'? kind is one of point, segment"),
         (
             "title: x\nobjective: {kind: shape, places: [{along_m: 0.5, at_m: [0.7, 0.3]}]}\n",
             5,

@@ -239,6 +239,13 @@ def test_the_fix_of_a_wrong_name_is_the_command_that_renames_it(root: Path) -> N
     assert fixes == [f"rename it: mv '{folder}/Video of day 2.MP4' {folder}/video.mp4"]
 
 
+def test_a_misspelt_tracker_and_search_are_reported(root: Path) -> None:
+    more = "track: {tracker: chian}\nestimate: {search: descnt}\n"
+    write(root, "data/rig/experiment.yaml", SETTINGS + more)
+    fixes = [str(each.fix) for each in check_experiment(root, "rig").errors if each.code == "SC-W021"]
+    assert [fix.split("?")[0] for fix in fixes] == ["did you mean 'chain'", "did you mean 'descent'"]
+
+
 def test_a_target_out_of_reach_is_reported_with_the_distance_that_is_lacking(root: Path) -> None:
     write(root, "data/rig/experiment.yaml", SETTINGS.replace("[0.5, 0.5]", "[0.0, 1.5]"))
     [error] = [each for each in check_experiment(root, "rig").errors if each.code == "SC-P002"]

@@ -255,7 +255,7 @@ def import_views(
     replace: Annotated[bool, typer.Option("--replace", help="Overwrite an earlier import.")] = False,
     as_json: AsJson = False,
 ) -> None:
-    """Join what two cameras saw of a throw to a track in space.
+    """Join what two cameras or more saw of a throw to a track in space.
 
     Each camera has an experiment of its own, run until `align`; both see the same markers of the plane.
     """

@@ -213,6 +213,6 @@ def only_camera(names: Iterable[str]) -> str:
     given = list(names)
     if len(given) != 1:
         what = f"names {len(given)} cameras ({', '.join(given)}); an experiment has one"
-        fix = "keep one; give the other an experiment of its own, and see `strandcast import views`"
+        fix = "keep one; give each of the others an experiment, and join them: `strandcast import views`"
         raise StrandcastError("SC-F003", what, field="cameras", fix=fix)
     return given[0]

@@ -11,6 +11,7 @@ from ruamel.yaml.comments import CommentedMap, CommentedSeq
 
 from strandcast.config.experiment import Conflict, Experiment
 from strandcast.config.schema import SCHEMA_FILE, models_in
+from strandcast.core.objectives import OBJECTIVES
 from strandcast.errors import StrandcastError
 
 SHOWN = reprlib.Repr()  # of an offending value
@@ -113,7 +114,9 @@ def _suggestion(detail: ErrorDetails, place: tuple[str, ...]) -> str:
     if kind.startswith("less_than"):
         return _unit_hint(place, value)
     if kind.startswith("union_tag"):
-        return f"kind is one of {detail.get('ctx', {}).get('expected_tags', 'point, segment, shape, swing')}"
+        near = difflib.get_close_matches(str(value.get("kind")), OBJECTIVES, n=1)
+        meant = f"did you mean {near[0]!r}? " if near else ""
+        return f"{meant}kind is one of {', '.join(sorted(OBJECTIVES))}, or of a package to install"
     if kind == "literal_error":
         choices = str(detail.get("ctx", {}).get("expected", ""))
         names = [choice.strip("' ") for choice in choices.replace(" or ", ",").split(",")]

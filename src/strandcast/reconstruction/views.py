@@ -168,9 +168,9 @@ def _refuse_unlike(views: list[StringView]) -> None:
     if len(views) < 2 or len(counts) > 1:
         what = (
             f"{len(views)} camera(s) with {', '.join(map(str, sorted(counts)))} mass points; a track in "
-            "space needs two cameras with the same points"
+            "space needs two cameras or more with the same points"
         )
-        fix = "film with two cameras, and set the same string.points for both"
+        fix = "film with two or more, and set the same string.points for all"
         raise StrandcastError("SC-I047", what, fix=fix)
     if min(counts) < FEWEST_POINTS:
         what = f"{min(counts)} mass points do not show the shape of a string in space"

@@ -151,12 +151,26 @@ def _check_all(root: Path, name: str, found: Checked) -> None:
     context = context_of(root, name)
     found.attempt(_check_arm, context, found)
     found.attempt(_check_string, context)
+    _check_plugins(context, found)
     found.attempt(files.known_string, Job(context, 1))
     _compare_radii(context, found)
     if context.settings.lab is None:
         if not context.settings.aims_in_space:
             found.attempt(_check_photos, context, found)
         _check_folders(context, found)
+
+
+def _check_plugins(context: Context, found: Checked) -> None:
+    """Refuse a tracker or a search that no package has; those by default take a second to import."""
+    settings = context.settings
+    if "tracker" in settings.track.model_fields_set:
+        from strandcast.tracking.registry import TRACKERS
+
+        found.attempt(TRACKERS.get, settings.track.tracker, context.file)
+    if "search" in settings.estimate.model_fields_set:
+        from strandcast.estimation.optimisers.registry import OPTIMISERS
+
+        found.attempt(OPTIMISERS.get, settings.estimate.search, context.file)
 
 
 def _check_arm(context: Context, found: Checked) -> None:

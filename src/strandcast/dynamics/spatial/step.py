@@ -26,6 +26,7 @@ from strandcast.dynamics.elements import (
     C_MORE,
     C_PH,
     C_S,
+    COEFFICIENTS,
     FLOOR,
     K_PH,
     K_S,
@@ -94,8 +95,9 @@ from strandcast.dynamics.string_state import StepSettings, StringArrays, StringM
 # Coefficients after those of the plane: rest spacing [m]; direction of each clamp, rest bend [rad] and
 # a normal of the first clamp's direction in the frame of its pose; cosine and sine of the rest bend's turn
 # per segment.
-L0, DIRECTION, REST, FAR_DIRECTION, SIDE, TORSION = 17, 18, 21, 24, 27, 30
-SPATIAL_COEFFICIENTS = 32
+L0, DIRECTION, REST, FAR_DIRECTION, SIDE, TORSION, SPATIAL_COEFFICIENTS = (
+    COEFFICIENTS + k for k in (0, 1, 4, 7, 10, 13, 15)
+)
 
 # Work rows of segment j, of the joint before it, and of point j. First the elements: AHEAD is half the last
 # change of a segment's turn rate, REACH what tangents of half the bends add up to. What follows from them

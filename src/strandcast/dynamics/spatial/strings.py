@@ -14,7 +14,7 @@ from strandcast.dynamics.candidates import (
     columns_of,
     put_coefficients,
 )
-from strandcast.dynamics.elements import COEFFICIENTS, FIXED, SPACING
+from strandcast.dynamics.elements import FIXED, SPACING
 from strandcast.dynamics.parameters import Array
 from strandcast.dynamics.simd import CACHED
 from strandcast.dynamics.spatial.clamps import POSE
@@ -30,8 +30,6 @@ from strandcast.dynamics.spatial.step import (
 )
 from strandcast.dynamics.string_state import ReadyStrings, StepSettings
 from strandcast.threads import over_ranges
-
-assert L0 == COEFFICIENTS
 
 # Columns of a candidate in space after the plane's: relative change of the rest spacing; turns of both clamps
 # and rest bend per joint, each to the left and up in the frame of the clamp's pose [rad];
