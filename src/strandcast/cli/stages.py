@@ -85,7 +85,7 @@ def campaign(as_json: AsJson = False) -> None:
 
 def _run(as_json: bool, stage: str, subject: str, *arguments: Any) -> None:
     """Run a stage; lines of progress begin with its subject. Each stage imports only what it needs."""
-    from strandcast.stages.run import files_of, run_stage
+    from strandcast.stages.run import files_of, run_job
     from strandcast.workflow.locks import lease
 
     set_context(subject)
@@ -93,7 +93,7 @@ def _run(as_json: bool, stage: str, subject: str, *arguments: Any) -> None:
     with lease(ROOT, arguments[0]):
         files = files_of(stage, ROOT, *arguments)
         with _usage_written(files.usage) if WITHIN_WORKFLOW in os.environ else nullcontext():
-            run_stage(stage, ROOT, *arguments)
+            run_job(files)
     show(as_json, {"stage": stage, "experiment": arguments[0], "files": files.all_outputs()}, ())
 
 

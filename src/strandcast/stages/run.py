@@ -26,8 +26,13 @@ def files_of(stage: str, root: Path, experiment: str, trial: int = 0, trials: Se
 
 
 def run_stage(stage: str, root: Path, experiment: str, trial: int = 0, trials: Sequence[int] = ()) -> None:
-    """Run a stage on an experiment and its trial, or all its trials; only this stage's code is imported."""
-    files = files_of(stage, root, experiment, trial, trials)
+    """Run a stage on an experiment and its trial, or all its trials."""
+    run_job(files_of(stage, root, experiment, trial, trials))
+
+
+def run_job(files: Files) -> None:
+    """Run the stage of these files; only its code is imported."""
+    stage, root = files.stage.name, files.job.context.folder.root
     if stage not in PAGES:
         _refuse_unmade(files)
     inputs = (path for role in files.stage.lineage_roles() for path in files.inputs(role))

@@ -77,7 +77,7 @@ def _put_all(parameters: Array, masses: Array, fixed: Array, step: float, c: Arr
 def ready_in_space(
     candidates: Candidates, poses: Array, start: StartArrays, settings: StepSettings
 ) -> tuple[ReadyStrings, NDArray[np.bool_]]:
-    """Return what steps need of candidates whose clamps start at `poses` (1 or B, 9 or 18).
+    """Return what steps need of candidates with clamps that start at `poses` (1 or B, 9 or 18).
 
     And (B,) for which of them no rest shape was found to start from.
     """
