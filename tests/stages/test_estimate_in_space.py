@@ -14,6 +14,7 @@ from strandcast.errors import StrandcastError
 from strandcast.estimation.estimate import _worse_than_before
 from strandcast.imports.capture_mapping import CaptureMapping
 from strandcast.imports.mapping import check_mapping
+from strandcast.records.alignment import HAND
 from strandcast.records.estimate import (
     CARRIED,
     HANGING,
@@ -24,7 +25,7 @@ from strandcast.records.estimate import (
     Estimate,
 )
 from strandcast.records.summary import ExperimentSummary
-from strandcast.records.tables import read_facts, read_table
+from strandcast.records.tables import read_facts, read_table, write_table
 from strandcast.records.track import TRACK, TrackSummary
 from strandcast.stages import declarations, import_track
 from strandcast.stages.context import context_of
@@ -148,6 +149,17 @@ def test_places_in_metres_stay_where_the_strings_length_is_corrected(captured, t
     # The points of two cameras are even along the string.
     TrackSummary.read(file).model_copy(update={"choices": {}}).write(file)
     np.testing.assert_allclose(places(1.0), [0.25, 0.5, 0.75, 1.0])
+
+
+def test_a_trial_in_the_plane_among_captures_in_space_is_named(captured, tmp_path):
+    root = Path(shutil.copytree(captured, tmp_path / "project", symlinks=True))
+    file = result(root, 1, "hand.parquet")
+    rows = read_table(file, HAND)
+    in_plane = {name: rows[name] for name in ("source", "robot_time_s", "x_m", "y_m")}
+    write_table(file, HAND, in_plane | {"angle_rad": rows["x_m"]}, {})
+    files = Files(declarations.STAGES["estimate"], Job(context_of(root, "cable"), 2))
+    with pytest.raises(StrandcastError, match="SC-E009.*track.parquet: trial 1 is in the plane"):
+        read_trial_in_space(files, 1)
 
 
 EVERY = """\

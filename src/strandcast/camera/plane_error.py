@@ -2,7 +2,7 @@
 
 import cv2
 import numpy as np
-from scipy.linalg import block_diag
+import scipy
 
 from strandcast.camera.mapping import metre_to_pixel, pixel_to_metre
 from strandcast.camera.pose import PoseFit, project
@@ -121,4 +121,4 @@ def pixel_slopes(
 def _moved_places(fit: PoseFit, camera: Camera) -> np.ndarray:
     """Return the Jacobian (8K, 2K) of corners by marker positions: a marker moves its four corners alike."""
     slopes = pixel_slopes(fit, fit.world_m, camera)  # (K, 4, 2, 2)
-    return np.asarray(block_diag(*slopes.reshape(-1, 8, 2)))
+    return np.asarray(scipy.linalg.block_diag(*slopes.reshape(-1, 8, 2)))

@@ -151,7 +151,7 @@ class Experiment(Section):
 
     @model_validator(mode="after")
     def _settings_fit_each_other(self) -> Experiment:
-        for conflict in self._conflicts():
+        if (conflict := next(self._conflicts(), None)) is not None:
             raise conflict
         return self
 

@@ -39,8 +39,6 @@ def export_dataset(experiment: ExperimentView, folder: Path) -> int:
     StrandcastError
         SC-E005 the folder is not empty; SC-W030 no trial has been estimated; SC-E009 frame rates differ.
     """
-    import pandas as pd
-
     refuse_filled(folder, "a dataset")
     trials = [t for t in experiment.trials.values() if (t.folder.results / "estimate.json").is_file()]
     counted = experiment.context.counted(t.number for t in trials)
@@ -64,6 +62,8 @@ def export_dataset(experiment: ExperimentView, folder: Path) -> int:
             shutil.copyfile(throw.video, target)
         start += len(table["index"])
     _write(folder / "meta" / "episodes" / f"{CHUNK.format(0)}.parquet", pa.Table.from_pylist(episodes))
+    import pandas as pd
+
     tasks = pd.DataFrame({"task_index": [0]}, index=pd.Index([TASK], name="task"))
     tasks.to_parquet(folder / "meta" / "tasks.parquet")
     whole = {name: np.concatenate([table[name] for table in columns]) for name in columns[0]}

@@ -136,14 +136,13 @@ def read_hand(path: str | Path, source: str) -> tuple[np.ndarray, Pose]:
 def read_hand_in_space(path: str | Path, *, thrown: bool) -> tuple[np.ndarray, list[EndPath]]:
     """Return robot times (T,) [s] and the paths of the driven ends of a string in space.
 
-    Of a throw it is one, the arm's hand, with its direction and normal.
+    Of a throw it is one, the arm's hand, with its direction and normal; there are none in the plane.
     """
     rows = read_table(path, HAND)
     ends = ends_of(rows)
-    if not ends or (thrown and (len(ends) > 1 or any(part is None for part in ends[0]))):
-        kind = "one end with its direction and normal" if thrown else "a driven end in space"
-        fix = "import the trial again; keep captures in the plane and in space in experiments of their own"
-        raise refusal("SC-R001", path, "normal_x", f"the columns are not those of {kind}", fix)
+    if thrown and (len(ends) != 1 or any(part is None for part in ends[0])):
+        what = "the columns are not those of one end with its direction and normal"
+        raise refusal("SC-R001", path, "normal_x", what, "import the track of the throw again")
     return rows["robot_time_s"], ends
 
 

@@ -41,9 +41,8 @@ class Lineage:
     experiment: str
     trial: int  # 0: the whole experiment
     stage: str = ""  # that wrote it; empty if no stage did
-    inputs: dict[str, str] = field(
-        default_factory=dict
-    )  # path relative to the project -> hash of the content
+    # Path relative to the project -> hash of the content.
+    inputs: dict[str, str] = field(default_factory=dict)
     # Name of a picture that the stage wrote beside the file -> hash of its bytes.
     pictures: dict[str, str] = field(default_factory=dict)
 

@@ -169,8 +169,13 @@ def compare(
 
 def _rows(trial: int, a: TrialRecords, b: TrialRecords) -> list[Row]:
     rows = [
-        Row(trial, name, unit, *(Value(each.get(record, field), each.get(record, sigma)) for each in (a, b)))
-        for name, (unit, record, field, sigma) in MEASURED.items()
+        Row(
+            trial,
+            name,
+            unit,
+            *(Value(each.get(record, size), each.get(record, sigma)) for each in (a, b)),
+        )
+        for name, (unit, record, size, sigma) in MEASURED.items()
     ]
     times_s = (Value(sum(each.times_s.values()) if each.times_s else None) for each in (a, b))
     rows.append(Row(trial, WALL_TIME, "s", *times_s))

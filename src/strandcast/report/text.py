@@ -186,11 +186,15 @@ def _camera(camera: Camera) -> str:
 def _tracking(summary: TrackSummary) -> str:
     length, share = f"{summary.length_m * 1e3:.0f} mm", f"{summary.tracked_fraction * 100:.1f} %"
     if "point_1_place_m" in summary.choices:
-        text = f"{summary.points} markers on the string of {length} were captured; {share} of their positions"
-        text += " were measured"
+        text = (
+            f"{summary.points} markers on the string of {length} were captured; {share} of their positions "
+            "were measured"
+        )
     else:
-        text = f"The string of {length} was represented by {summary.points} mass points; {share} of them"
-        text += " were detected without a flag"
+        text = (
+            f"The string of {length} was represented by {summary.points} mass points; {share} of them were "
+            "detected without a flag"
+        )
     return f"{text} (median σ {summary.median_sigma_m * 1e3:.2f} mm)."
 
 

@@ -26,9 +26,9 @@ def made_from(files: Files) -> dict[str, Any]:
     return _facts(files) | {"inputs": _hashes(files, files.all_inputs())}
 
 
-def write_note(files: Files, made_from: dict[str, Any]) -> None:
-    """Write the note of a job that is done, with the hashes of what it has written."""
-    note = made_from | {"outputs": _hashes(files, files.all_outputs())}
+def write_note(files: Files, at_start: dict[str, Any]) -> None:
+    """Write the note of a job that is done: `made_from` at its start, and hashes of what it has written."""
+    note = at_start | {"outputs": _hashes(files, files.all_outputs())}
     write_text(_place(files), canonical_json(note) + "\n")
 
 

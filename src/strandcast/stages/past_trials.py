@@ -68,23 +68,25 @@ class Trial:
 
 
 def read_trial(files: Files, number: int, *, in_space: bool | None = None) -> Trial:
-    """Read one trial's results, and the motion and log beside its raw files if they exist.
+    """Read one trial's results, and of a throw the motion and log beside its raw files if they exist.
 
     `in_space` says where the trial is, None: where the experiment's throws are.
     """
     settings = files.job.context.settings
-    in_space = settings.aims_in_space if in_space is None else in_space
+    thrown = settings.aims_in_space
+    in_space = thrown if in_space is None else in_space
     summary = TrackSummary.read(files.input("summary", number))
     track = read_track(files.input("track", number), summary.points if in_space else settings.string.n)
     alignment = Alignment.read(files.input("alignment", number))
-    played, run = files.optional("motion", number), files.optional("run", number)
+    captured = in_space and not thrown
+    played, run = (None if captured else files.optional(role, number) for role in ("motion", "run"))
     log = read_run(run.parent)[1] if run else None
-    hand_file, hand_pose = files.input("hand", number), np.zeros((0, 3))
+    hand_pose: np.ndarray = np.zeros((0, 3))
     ends: list[EndPath] = []
     if in_space:  # without the rows' noise since its import, or smoothed by the fit
-        hand_time_s, ends = read_hand_in_space(hand_file, thrown=settings.aims_in_space)
+        hand_time_s, ends = read_hand_in_space(files.input("hand", number), thrown=thrown)
     else:
-        hand_time_s, hand = read_hand(hand_file, "measured")
+        hand_time_s, hand = read_hand(files.input("hand", number), "measured")
         hand_pose = hand.array()
         if log:  # the rows' noise would shake the simulated strings
             near = _near_motion(hand_time_s, alignment.motion_start_s, alignment.motion_end_s)

@@ -79,6 +79,13 @@ def read_trial_in_space(files: Files, number: int) -> Trial:
     They end before the tip may have touched the target.
     """
     trial, context = read_trial(files, number, in_space=True), files.job.context
+    if not trial.ends or trial.track.points_m.shape[2] != 3:
+        raise StrandcastError(
+            "SC-E009",
+            f"trial {number} is in the plane",
+            file=files.input("track", number),
+            fix="keep captures in the plane and in space in experiments of their own",
+        )
     if not context.settings.aims_in_space:
         return trial
     time_s, known_s = trial.frame_time_s, trial.hand_time_s

@@ -75,7 +75,7 @@ def render_page(root: Path, page: Page) -> StrandcastError | None:
     try:
         run_stage(stage, root, name, trial, numbers)
     except StrandcastError as problem:
-        return problem
+        return problem.with_traceback(None)  # which holds the page
     return None
 
 

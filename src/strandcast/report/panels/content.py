@@ -88,8 +88,9 @@ def make_section(panel: Panel, page: Any) -> PageSection:
     except StrandcastError as problem:
         optional = ABSENT in problem.what and _is_optional(page, Path(problem.file or "").name)
         if optional:
-            what = "only this figure needs the file, everything else is complete without it"
-            problem.fix = f"none needed: {what}"
+            problem.fix = (
+                "none needed: only this figure needs the file, everything else is complete without it"
+            )
         return PageSection(panel, PanelContent(""), problem=problem.message(), optional=optional)
     except Exception as problem:
         log.warning("panel %r failed", panel.name, exc_info=log.isEnabledFor(logging.DEBUG))

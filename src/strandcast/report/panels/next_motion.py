@@ -73,8 +73,8 @@ def _draw_joint(
     if motion.bezier is not None and joint < len(motion.bezier.heights_rad_s):
         heights = motion.bezier.heights_rad_s[joint]
         at_ms = np.linspace(0.0, motion.bezier.duration_s * 1e3, len(heights))
-        style = draw.marks("o", 4, color=draw.FITTED["color"], linewidth=0.8, markerfacecolor="none")
-        axes.plot(at_ms, heights, **(style | {"linestyle": ":"}), label="control points")
+        style = {"color": draw.FITTED["color"], "linewidth": 0.8, "markerfacecolor": "none"}
+        axes.plot(at_ms, heights, **draw.marks("o", 4, **style, linestyle=":"), label="control points")
     if joint < len(limits_rad_s):
         for k, sign in enumerate((-1, 1)):
             dashed = {"color": draw.INK, "linewidth": 1.0, "linestyle": (0, (6, 3))}

@@ -52,7 +52,7 @@ def tracking(page: TrialPageData) -> PanelContent:
     detected = [found] if found.rows or not results.supplied() else []  # in captures nothing is looked for
     return PanelContent(
         finding,
-        Drawing(figure, f"Tracking quality, point by frame. {finding}", (), (sigma_axes, length_axes)),
+        Drawing(figure, f"Tracking quality, point by frame. {finding}", frame_axes=(sigma_axes, length_axes)),
         [_lost_table(track), *detected, _choice_table(summary)],
         ["track.parquet", "track.json"],
     )
