@@ -116,9 +116,11 @@ def align(
     priors = replace(priors, drift=best.fit.drift_prior)
     _refuse_mistakes(best, data, priors)
     best = with_single_error(best, rig, priors)
-    fastest = FastestPoint("the hand's", best.covered.top_speed_m_s())
-    if tip_speed_m_s:
-        fastest = FastestPoint("a tip's", tip_speed_m_s)
+    fastest = (
+        FastestPoint("a tip's", tip_speed_m_s)
+        if tip_speed_m_s
+        else FastestPoint("the hand's", best.covered.top_speed_m_s())
+    )
     pairs, checks, led_warnings = _checked_events(best, events, fastest)
     if pairs:
         best = fit_with_events(best, rig, priors, pairs)

@@ -61,8 +61,8 @@ def no_motion_error(
     if video_m < log_m:
         what = f"the hand moves {video_m * 1e3:.1f} mm in the video and {log_m * 1e3:.0f} mm by the log"
         fix = "the video begins after the throw or ends before it: use the one that shows it"
-        file = None
-    elif count < LEAST_DETECTIONS:
+        return StrandcastError("SC-A007", what, cost=NO_CLOCK, fix=fix)
+    if count < LEAST_DETECTIONS:
         what = f"the log has {count} rows, at least {LEAST_DETECTIONS} are needed"
         fix = "copy the whole log of this throw, and log at 50 Hz or more"
     else:

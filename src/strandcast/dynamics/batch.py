@@ -133,11 +133,11 @@ def make_batch(
     turn, sway = strings.disturbances.clamp_turn_rad, strings.disturbances.sway
     if spatial and (sway.any() or turn.any()):
         raise ValueError("disturbances of a throw are for strings in the plane")
-    p = strings.parameters
-    if spatial and model.reading == "sign" and (p[:, [2, 3]] != p[:, [4, 5]]).any():
-        raise ValueError("a bend in space has no sign: h and sh are the same, or the reading is another")
     if not spatial and (strings.in_space or strings[REST_TORSION].any()):
         raise ValueError("a string in the plane has one rest curl and the model's length")
+    parameters = rows_of(strings.parameters, count, 10)
+    if spatial and model.reading == "sign" and (parameters[:, [2, 3]] != parameters[:, [4, 5]]).any():
+        raise ValueError("a bend in space has no sign: h and sh are the same, or the reading is another")
     columns = SPATIAL_FIXED if spatial else FIXED
     fixed = np.zeros((count, columns))
     for name, column in (COLUMN_OF | (IN_SPACE if spatial else IN_PLANE)).items():
@@ -150,7 +150,7 @@ def make_batch(
     return Batch(
         model,
         Candidates(
-            rows_of(strings.parameters, count, 10),
+            parameters,
             masses,
             rows_of(strings.bend_factor, count, n),
             rows_of(fixed, count, columns),

@@ -87,7 +87,7 @@ def columns_of(candidates: Candidates, coefficients: int) -> ReadyStrings:
 
 def ready(candidates: Candidates, poses: Array, start: StartArrays, settings: StepSettings) -> ReadyStrings:
     """Return what steps need of candidates on the hand's paths `poses` (1 or B, T, 3)."""
-    strings, (step, _, _, _, reading, *_) = columns_of(candidates, COEFFICIENTS), settings
+    strings, step, reading = columns_of(candidates, COEFFICIENTS), settings.step, settings.reading
     over_ranges(
         len(candidates.masses),
         lambda first, last: _prepare(first, last, candidates, poses, start, reading, step, strings),

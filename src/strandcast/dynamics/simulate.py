@@ -186,27 +186,27 @@ def _run(batch: Batch) -> tuple[Array, NDArray[np.int64]]:
 def _pass(batch: Batch, finer: int) -> Array:
     """Run candidates once, with steps `finer` times smaller than the model's; return their results."""
     model, candidates, hand = batch.model, batch.candidates, batch.hand
-    spec, ends = vector_spec(model.precision), hand.pose.shape[2] // POSE  # in the plane none
+    spec, ends = vector_spec(model.precision), hand.pose.shape[2] // POSE  # clamps; none in the plane
     kept = np.empty((len(candidates.masses), RESULTS))
     if not len(kept):
         return kept
     sticks = candidates.fixed[:, STICK] > 0.0
     settings = _settings(model, candidates.fixed, model.dt_s / finer, ends)
+    steps, own = batch.steps * finer, len(hand.pose) > 1
     if ends:
+        axes, path_rows, drive_hand, kernel = 3, steps * ends * CLAMP, drive_clamps, integrate_in_space
         strings, lost = ready_in_space(candidates, hand.pose[:, 0], batch.start, settings)
     else:
+        axes, path_rows, drive_hand, kernel = 2, steps * DRIVING, drive, integrate
         strings, lost = ready(candidates, hand.pose, batch.start, settings), np.zeros(len(kept), dtype=bool)
-    steps, own = batch.steps * finer, len(hand.pose) > 1
-    path_rows = steps * (ends * CLAMP or DRIVING)
     common = np.empty((1 if own else path_rows, 1))
     if not own:
-        (drive_clamps if ends else drive)(hand.time_s, hand.pose[0], settings.step, steps, 0, common)
+        drive_hand(hand.time_s, hand.pose[0], settings.step, steps, 0, common)
     outputs = batch.outputs._replace(at=batch.outputs.at * finer)
-    kernel = integrate_in_space if ends else integrate
 
     def run(first: int, last: int) -> None:
-        sizes = model.points, 3 if ends else 2, path_rows if own else 0
-        work = workspace(spec, *sizes, sticks=bool(sticks.any()))
+        own_rows = path_rows if own else 0
+        work = workspace(spec, model.points, axes, own_rows, sticks=bool(sticks.any()))
         kernel(first, last, spec, work, strings, hand, common, steps, settings, outputs, kept)
 
     over_ranges(-(-len(kept) // spec.width), run)
@@ -225,7 +225,7 @@ def _settings(model: StringModel, fixed: Array, step_s: float, ends: int) -> Ste
         reading=READINGS.index(model.reading),
         per_width=float(1.0 / fixed[0, HALF_WIDTH]),
         has_friction=bool(fixed[fixed[:, STICK] <= 0.0, DRY].any()),
-        slender=slender if ends else slender or None,
+        slender=slender if ends else (slender or None),
         two_ends=ends > 1,
         helical=ends > 0 and bool(fixed[:, REST_TURN].any()),
     )

@@ -148,9 +148,10 @@ def build_rig(
 
 
 def compiled_rig(spec: mujoco.MjSpec, arm: Arm, links: list[StringLink], plane: np.ndarray) -> LabRig:
-    """Return the rig of an arm with a string: the joints named `bend_`, and the nodes `node_`."""
+    """Return the rig of an arm with a string: the joints `bend_k`, none within a pipe, and nodes `node_k`."""
     model = spec.compile()
-    bends = [k for k in range(model.njnt) if model.joint(k).name.startswith("bend_")]
+    ids = {model.joint(k).name: k for k in range(model.njnt)}
+    bends = [ids[name] for k in range(len(links)) if (name := f"bend_{k}") in ids]
     return LabRig(
         model=model,
         arm_dofs=dofs_of(model, arm.joints),

@@ -101,7 +101,7 @@ def descend_motion(
     residuals
         Of points (P, d).
     start
-        (d,)
+        (d,) the point to begin with.
     free
         Number of the unknowns to change, the first ones.
     evaluations

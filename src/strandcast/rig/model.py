@@ -167,11 +167,8 @@ class RigPriors:
 
     def of(self, rig: Rig) -> np.ndarray:
         """Return the standard deviation of each of a rig's errors, as `RigError.vector`."""
-        sd = (
-            *(self.base_shift_m, self.stretch, self.joint_zero_rad),
-            *(self.link_length_m, self.marker_shift_m, self.marker_turn_rad),
-        )
-        return np.repeat(sd, error_counts(rig))
+        common = self.base_shift_m, self.stretch, self.joint_zero_rad, self.link_length_m
+        return np.repeat([*common, self.marker_shift_m, self.marker_turn_rad], error_counts(rig))
 
 
 def rig_of(arm: PlanarArm) -> Rig:

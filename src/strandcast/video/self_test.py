@@ -27,7 +27,8 @@ def decode_problem(codec: str) -> str | None:
 
 
 def _encoded(clip: tuple[str, str, str], levels: np.ndarray) -> bytes:
-    out, (encoder, kind, pixels) = io.BytesIO(), clip
+    encoder, kind, pixels = clip
+    out = io.BytesIO()
     with av.open(out, "w", format=kind) as container:
         stream = container.add_stream(encoder, rate=100)
         stream.width = stream.height = SIZE_PX

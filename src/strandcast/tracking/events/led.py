@@ -69,7 +69,8 @@ class LedMonitor:
         led = DetectedLed(window_px=list(self.window), brightness_grey=np.round(inside, DIGITS).tolist())
         if levels is None:
             return led, [_never(led, inside)]
-        led.dark_grey, led.lit_grey, led.noise_grey = dark, lit, noise = levels
+        dark, lit, noise = levels
+        led.dark_grey, led.lit_grey, led.noise_grey = dark, lit, noise
         contrast = lit - dark
         led.burnt = bool(np.median(brightest[inside > dark + LIT * contrast]) >= BURNT_SHARE * self._white)
         switches = Switches(time_s, inside, around, contrast, noise, exposure_s, self.gammas, led.burnt)
