@@ -140,5 +140,5 @@ def test_a_clone_elsewhere_with_other_comments_runs_the_same_machine_code(tmp_pa
     kernel = tmp_path / "second" / "strandcast" / "planning" / "approach.py"
     kernel.write_text("# A comment that moves every line.\n" + kernel.read_text())
     assert hits_and_misses("second") == "1 0"
-    kernel.write_text(kernel.read_text().replace("best, index = np.inf, 0", "best, index = 1e300, 0"))
+    kernel.write_text(kernel.read_text().replace("min(1.0, max(0.0, along", "min(0.5, max(0.0, along"))
     assert hits_and_misses("second") == "0 1"
