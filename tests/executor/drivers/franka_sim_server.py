@@ -16,6 +16,7 @@ from pathlib import Path
 import franka_sim
 import mujoco
 from franka_sim.mujoco_franka_sim import MujocoFrankaSim
+from franka_sim.server.constants import RobotMode
 
 NICE = -10  # a controller has a computer of its own
 ARMATURE_KG_M2 = (0.2, 0.2, 0.2, 0.2, 0.1, 0.1, 0.1)
@@ -44,13 +45,26 @@ def end_in_time(parent: int, longest_s: float) -> None:
     os._exit(1)
 
 
+class Controller(franka_sim.FrankaSimServer):
+    """The server, with an arm that stays in a reflex when a client leaves, until someone recovers it."""
+
+    def reset_state(self) -> None:
+        """Forget the client, not the reflex."""
+        before = self.robot_state.state
+        super().reset_state()
+        if before["robot_mode"] == RobotMode.kReflex:
+            self.robot_state.state |= {
+                name: before[name] for name in ("robot_mode", "errors", "reflex_reason")
+            }
+
+
 def main(host: str, model: Path, longest_s: float) -> None:
     """Serve until killed, with the controller's reflexes on limits and lost commands switched on."""
     threading.Thread(target=end_in_time, args=(os.getppid(), longest_s), daemon=True).start()
     with suppress(PermissionError):
         os.nice(NICE)
     write_model(model)
-    server = franka_sim.FrankaSimServer(
+    server = Controller(
         host=host,
         physics_sim=MujocoFrankaSim(model_path=model),
         enable_gripper=False,
