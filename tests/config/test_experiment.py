@@ -6,6 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from strandcast.config.camera import LENS
 from strandcast.config.experiment import Experiment
 from strandcast.config.find import find_arm, find_experiment
 from strandcast.config.load import load_experiment
@@ -67,13 +68,31 @@ def test_a_wrong_camera_setting_is_reported_as_it_is_written(tmp_path, form):
     assert (wrong.line, wrong.fix) == (4, "did you mean 'exposure_s'?")
 
 
-def test_two_cameras_have_names_and_are_refused_for_now(tmp_path):
-    settings = {"string": {"length_m": 0.3}, "target_m": (0.5, 0.5), "cameras": {"side": {}, "top": {}}}
-    assert list(Experiment.model_validate(settings).cameras) == ["side", "top"]
-    with pytest.raises(StrandcastError, match="SC-F003") as caught:
-        load(tmp_path, GOOD + "cameras:\n  side: {}\n  top: {}\n")
-    assert (caught.value.line, caught.value.field) == (4, "cameras")
-    assert "side, top" in caught.value.what
+BARE = GOOD.replace("target_m: [0.5, 0.5]\n", "")
+TWO = BARE + "cameras:\n  side: {board: {squares_x: 9}, string_offset_m: 0.02, exposure_s: 0.001}\n"
+
+
+def test_of_several_cameras_each_has_its_photos_and_all_see_the_same(tmp_path):
+    side, top = load(tmp_path, TWO + "  top: {string_offset_m: 0.01}\n").cameras.values()
+    assert (side.lens, side.plane_photo) == ("calibration/side/lens-*.png", "calibration/side/plane.png")
+    assert (top.lens, top.plane_photo) == ("calibration/top/lens-*.png", "calibration/top/plane.png")
+    assert (top.board, top.string_offset_m, top.exposure_s) == (side.board, 0.01, None)
+    assert load(tmp_path, TWO).camera.lens == LENS
+
+
+@pytest.mark.parametrize(
+    ("more", "field"),
+    [
+        ("  top: {}\ntarget_m: [0.5, 0.5]\n", "target_m"),
+        ("  top: {}\ntarget_m: [0.5, 0.5]\nlab: {}\n", "cameras"),
+        ("  top: {}\ntrack: {background_picture: empty.png}\n", "track.background_picture"),
+        ("  logs: {}\n", "cameras.logs"),
+        ("  trial-01: {}\n", "cameras.trial-01"),
+        ("  top: {exposure: 1}\n", "cameras.top.exposure"),
+    ],
+)
+def test_what_several_cameras_cannot_have_is_refused(tmp_path, more, field):
+    assert [wrong.field for wrong in problems(tmp_path, TWO + more)] == [field]
 
 
 def test_the_objective_is_a_point_a_segment_a_shape_or_a_swing(tmp_path):

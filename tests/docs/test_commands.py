@@ -42,7 +42,6 @@ RUN_BY = {  # the beginning of a command, and the test or script that runs it el
     "strandcast verify": "tests/cli/test_cli.py",
     "strandcast export": "tests/exports",
     "strandcast import track cast": "tests/stages/test_throw_in_space.py",
-    "strandcast import views": "tests/reconstruction",
     "strandcast film": "tests/film/test_film.py",
     "strandcast simulate": "tests/dynamics/test_physical.py",
     "strandcast plan": "tests/stages/test_throw_in_space.py",

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from strandcast.camera.mapping import metre_per_pixel
-from strandcast.errors import StrandcastError
 from strandcast.reconstruction.plane import reconstruct
 from strandcast.records.camera import Camera, Lens
 from strandcast.records.folders import ExperimentFolder
@@ -79,7 +78,7 @@ def again(
 ) -> tuple[Track, dict[str, np.ndarray]]:
     path = tmp_path_factory.mktemp("observations") / "observations.parquet"
     write_observations(path, [seen])
-    return reconstruct(read_observations(path), {"main": camera})
+    return reconstruct(read_observations(path)["main"], camera)
 
 
 def test_points_come_back_to_rounding_with_the_same_sigma_and_flags(again, tracked):
@@ -118,14 +117,9 @@ def test_covariance_is_carried_to_pixels_and_back(again, seen, camera, tracked):
 
 def test_without_the_trackers_sigma_it_follows_from_the_covariance(seen, camera, again):
     nothing = replace(seen.string, sigma_m=np.full_like(seen.string.sigma_m, np.nan))
-    track, _ = reconstruct({"main": replace(seen, string=nothing)}, {"main": camera})
+    track, _ = reconstruct(replace(seen, string=nothing), camera)
     stated, _ = again
     assert track.sigma_m[stated.frame] == pytest.approx(stated.sigma_m, rel=1e-6, nan_ok=True)
-
-
-def test_several_cameras_are_refused(seen, camera):
-    with pytest.raises(StrandcastError, match="SC-F003"):
-        reconstruct({"main": seen, "side": seen}, {"main": camera, "side": camera})
 
 
 def test_the_stage_needs_records_alone(seen, camera, tracked, tmp_path: Path):
@@ -146,7 +140,7 @@ def test_the_stage_needs_records_alone(seen, camera, tracked, tmp_path: Path):
 def test_a_trial_without_markers_gives_an_empty_table(tracked, camera, tmp_path):
     bare = replace(tracked, markers=marker_columns(np.zeros((0, 7))))
     write_observations(tmp_path / "o.parquet", [observe(bare, camera, "main", {})])
-    track, markers = reconstruct(read_observations(tmp_path / "o.parquet"), {"main": camera})
+    track, markers = reconstruct(read_observations(tmp_path / "o.parquet")["main"], camera)
     assert len(markers["frame"]) == 0
     assert len(track.frame) == FRAMES - 1
 

@@ -9,6 +9,7 @@ import pytest
 from strandcast.camera.stereo import StereoPose
 from strandcast.core.interpolation import lagrange_weights
 from strandcast.errors import StrandcastError
+from strandcast.imports.capture import CapturedTrial, supplied_summary
 from strandcast.reconstruction.one_clock import pixels_at
 from strandcast.reconstruction.rays import rays_of
 from strandcast.reconstruction.string_in_space import string_in_space
@@ -18,8 +19,8 @@ from strandcast.records.alignment import HAND
 from strandcast.records.folders import ExperimentFolder
 from strandcast.records.observations import MarkerPixels, Observations, StringPixels, write_observations
 from strandcast.records.tables import read_table
-from strandcast.records.track import OCCLUDED, UNSURE, read_track
-from strandcast.stages import import_views
+from strandcast.records.track import OCCLUDED, UNSURE, Track, TrackSummary, read_track
+from strandcast.stages import join_views
 from strandcast.stages.run import run_stage
 
 from .two_views import (
@@ -238,31 +239,43 @@ def first_points(seen, count):
 
 
 @pytest.fixture
-def project(tmp_path):
-    """Two experiments of a camera each, tracked and aligned, and one in space."""
-    views = dict(zip(("left", "right"), views_of(clock(), LATE), strict=True))
-    for name, view in views.items():
-        folder = ExperimentFolder(tmp_path, name)
-        folder.data.mkdir(parents=True)
-        (folder.data / "experiment.yaml").write_text(f"string: {{length_m: {LENGTH_M}, points: {POINTS}}}\n")
-        results = folder.trial(1).results
+def cable(tmp_path):
+    """An experiment with two cameras, tracked and aligned."""
+    folder = ExperimentFolder(tmp_path, "cable")
+    folder.data.mkdir(parents=True)
+    settings = f"string: {{length_m: {LENGTH_M}, points: {POINTS}}}\ncameras: {{left: {{}}, right: {{}}}}\n"
+    (folder.data / "experiment.yaml").write_text(settings)
+    for name, view in zip(("left", "right"), views_of(clock(), LATE), strict=True):
+        of_view = ExperimentFolder(tmp_path, f"cable/{name}")
+        results = of_view.trial(1).results
         empty = np.zeros(0)
         markers = MarkerPixels(empty, empty, empty, np.zeros((0, 4, 2)), np.zeros((0, 4, 2, 2)), empty)
-        write_observations(results / "observations.parquet", [Observations("main", view.pixels, markers, {})])
-        view.camera.write(folder.camera("main"))
+        write_observations(results / "observations.parquet", [Observations(name, view.pixels, markers, {})])
+        view.camera.write(of_view.camera(name))
         view.clock.write(results / "alignment.json")
-    space = ExperimentFolder(tmp_path, "space")
-    space.data.mkdir(parents=True)
-    (space.data / "experiment.yaml").write_text(f"string: {{length_m: {LENGTH_M}}}\n")
-    return tmp_path
+        summary_of(name).write(results / "track.json")
+    return folder
 
 
-def test_two_experiments_become_one_in_space(project):
-    summary = import_views.run(project, "space", 1, [("left", 1), ("right", 1)])
+def summary_of(camera, tip_sigma_m=0.0):
+    known = CapturedTrial(f"cable/{camera}", 1, LENGTH_M, POINTS)
+    nothing = np.zeros((2, POINTS + 1, 2))
+    track = Track(np.arange(2), np.arange(2.0), nothing, nothing[..., 0], nothing[..., 0].astype(np.int32))
+    return supplied_summary(track, known, [1]).model_copy(update={"tip_sigma_m": tip_sigma_m})
+
+
+def joined(cable):
+    """Join the cameras of the trial, and return its summary."""
+    run_stage("join_views", cable.root, "cable", 1)
+    return TrackSummary.read(cable.trial(1).results / "track.json")
+
+
+def test_two_cameras_make_one_track_in_space(cable):
+    summary = joined(cable)
     assert not [text for text in summary.warnings if "jump" not in text]  # its tip is faster than 5 m/s
     assert summary.choices["ends_sigma"] < 1.5
-    run_stage("register_track", project, "space", 1)
-    results = ExperimentFolder(project, "space").trial(1).results
+    assert summary.cameras == ["left", "right"]
+    results = cable.trial(1).results
     track = read_track(results / "track.parquet", POINTS)
     truth_m = even_points(string_nodes(track.camera_time_s)) @ TO_PLANE  # z up
     assert np.sqrt(np.nanmean(((track.points_m - truth_m) ** 2).sum(axis=-1))) < 2e-3
@@ -273,15 +286,14 @@ def test_two_experiments_become_one_in_space(project):
     assert np.abs(hand["z_m"] - 0.25).max() < 2e-3  # the hand moves level
 
 
-@pytest.mark.thorough
-def test_what_both_cameras_doubt_about_the_tip_stays_in_doubt(project):
-    views = [("left", 1), ("right", 1)]
-    summary = import_views.run(project, "space", 1, views)
-    for (name, trial), sigma_m in zip(views, (1e-3, 3e-3), strict=True):
-        file = ExperimentFolder(project, name).trial(trial).results / "track.json"
-        of_view = {"experiment": name, "trial": trial, "tip_sigma_m": sigma_m}
-        summary.model_copy(update=of_view).write(file)
-    assert import_views.run(project, "space", 2, views).tip_sigma_m == 1e-3
+def test_what_both_cameras_doubt_about_the_tip_stays_in_doubt(cable):
+    for name, sigma_m in (("left", 1e-3), ("right", 3e-3)):
+        file = ExperimentFolder(cable.root, f"cable/{name}").trial(1).results / "track.json"
+        warned = summary_of(name, sigma_m).model_copy(update={"warnings": ["it blurs"]})
+        warned.write(file)
+    summary = joined(cable)
+    assert summary.tip_sigma_m == 1e-3
+    assert {"left: it blurs", "right: it blurs"} <= {*summary.warnings}
 
 
 def test_a_third_camera_may_see_less_of_the_throw():
@@ -295,37 +307,14 @@ def test_a_third_camera_may_see_less_of_the_throw():
     np.testing.assert_allclose(found.points_m[:3], alone.points_m[:3], atol=1e-6)
 
 
-def test_what_cannot_be_joined_is_refused(project):
-    with pytest.raises(StrandcastError, match="SC-I049.*are one camera"):
-        import_views.run(project, "space", 1, [("left", 1), ("left", 1)])
-    for pattern in ("", "/both-*.png", "none-*.png"):
-        with pytest.raises(StrandcastError, match="SC-I049.* is in both"):
-            import_views.run(project, "space", 1, [("left", 1), ("right", 1)], boards=pattern)
-    left = ExperimentFolder(project, "left").trial(1).results / "track.json"
-    summary = import_views.run(project, "space", 2, [("left", 1), ("right", 1)])
-    summary.model_copy(update={"experiment": "left", "trial": 1, "length_m": 1.03 * LENGTH_M}).write(left)
-    with pytest.raises(StrandcastError, match=f"SC-I049.*{1.03 * LENGTH_M:.4g} m in left"):
-        import_views.run(project, "space", 1, [("left", 1), ("right", 1)])
-    left.unlink()
-    with pytest.raises(StrandcastError, match="SC-W030"):
-        import_views.run(project, "space", 1, [("left", 1), ("right", 2)])
-    with pytest.raises(StrandcastError, match="SC-I047"):
-        import_views.run(project, "space", 1, [("left", 1)])
-    import_views.run(project, "space", 1, [("left", 1), ("right", 1)])
-    with pytest.raises(StrandcastError, match="SC-I022"):
-        import_views.run(project, "space", 1, [("left", 1), ("right", 1)])
-
-
 @pytest.mark.thorough
-def test_boards_correct_a_camera_that_the_markers_misplace(project, monkeypatch):
+def test_boards_correct_a_camera_that_the_markers_misplace(cable, monkeypatch):
     moved = RIGHT.model_copy(update={"translation_m": [0.0, 0.006, 2.2]})
-    moved.write(ExperimentFolder(project, "right").camera("main"))
-    views = [("left", 1), ("right", 1)]
-    wrong = import_views.run(project, "space", 1, views)
-    assert any("do not fit each other" in text for text in wrong.warnings)
+    moved.write(ExperimentFolder(cable.root, "cable/right").camera("right"))
+    assert any("do not fit each other" in text for text in joined(cable).warnings)
     for name, count in (("left", 4), ("right", 3)):
-        folder = ExperimentFolder(project, name).data / "calibration"
-        folder.mkdir()
+        folder = cable.data / "calibration" / name
+        folder.mkdir(parents=True)
         for k in range(count):
             cv2.imwrite(str(folder / f"both-{k}.png"), np.full((8, 8), 10 * k + (name == "right"), np.uint8))
     turn = np.array(RIGHT.rotation) @ np.array(LEFT.rotation).T
@@ -335,10 +324,14 @@ def test_boards_correct_a_camera_that_the_markers_misplace(project, monkeypatch)
         assert [(int(one[0, 0]), int(other[0, 0])) for one, other in photos] == [(0, 1), (10, 11), (20, 21)]
         return StereoPose(turn, shift_m, len(photos), 0.1)
 
-    monkeypatch.setattr(import_views, "stereo_pose", boards_pose)
-    right = import_views.run(project, "space", 1, views, True, "calibration/both-*.png")
+    monkeypatch.setattr(join_views, "stereo_pose", boards_pose)
+    right = joined(cable)
     assert not any("do not fit each other" in text for text in right.warnings)
     [warning] = [text for text in right.warnings if "boards" in text]
     assert "3 pairs" in warning
     assert "moves by 6.0 mm" in warning
     assert right.choices["ends_sigma"] < 1.5
+    for photo in (cable.data / "calibration" / "right").iterdir():
+        photo.rename(photo.with_name(photo.name.replace("both-", "both-right-")))
+    with pytest.raises(StrandcastError, match="SC-C030.*for left and for right"):
+        joined(cable)

@@ -13,7 +13,7 @@ rule align:
     log:
         "results/{experiment}/trial-{trial}/logs/align.log",
     wildcard_constraints:
-        experiment=targets.experiment_pattern(SUPPLIED, other=True),
+        experiment=targets.experiment_pattern(ELSEWHERE, other=True),
     group:
         shard_of("align")
     resources:
@@ -26,6 +26,30 @@ rule align:
         "{wildcards.experiment} trial {wildcards.trial}: the camera's clock is aligned with the robot's"
     shell:
         "strandcast stage align {wildcards.experiment:q} {wildcards.trial} 2>&1 | tee {log:q} >&2"
+
+
+# What several cameras saw becomes one track in space.
+rule join_views:
+    input:
+        unpack(stage_inputs("join_views")),
+    output:
+        **stage_outputs("join_views"),
+    log:
+        "results/{experiment}/trial-{trial}/logs/join_views.log",
+    wildcard_constraints:
+        experiment=targets.experiment_pattern(JOINED),
+    group:
+        shard_of("join_views")
+    resources:
+        mem_mb=memory_of("join_views"),
+        runtime=runtime_of("join_views"),
+    params:
+        settings=stage_settings("join_views"),
+        code=code_version("join_views"),
+    message:
+        "{wildcards.experiment} trial {wildcards.trial}: what the cameras saw is joined to a track in space"
+    shell:
+        "strandcast stage join-views {wildcards.experiment:q} {wildcards.trial} 2>&1 | tee {log:q} >&2"
 
 
 # Where another system (motion capture) measured track and alignment, they are supplied beside the raw files.

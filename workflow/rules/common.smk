@@ -166,7 +166,7 @@ def take_leases():
     locks.hold_until_exit(
         Path(),
         {
-            job.wildcards.experiment
+            job.wildcards.experiment.partition("/")[0]
             for job in workflow.dag.needrun_jobs()
             if "experiment" in job.wildcards.keys()
         },
@@ -208,4 +208,5 @@ FILMED_IN_LAB = targets.names_pattern(targets.lab_experiments(captures=False))
 CAPTURED_IN_LAB = targets.names_pattern(targets.lab_experiments(captures=True))
 RECORDED_EXPERIMENTS = targets.other_names_pattern(targets.lab_experiments())
 SUPPLIED, PLAYED = targets.supplied_trials(), targets.played_trials()
+JOINED, ELSEWHERE = targets.joined_trials(), targets.filmed_elsewhere()
 THROWN = targets.thrown_trials()

@@ -14,7 +14,7 @@ from typer.exceptions import TyperException
 
 from strandcast import __version__
 from strandcast.cli.checks import boards, check, doctor, new, preview, verify
-from strandcast.cli.exchange import import_joints, import_track, import_views
+from strandcast.cli.exchange import import_joints, import_track
 from strandcast.cli.exclusions import exclude, include
 from strandcast.cli.exports import EXPORTS
 from strandcast.cli.film import film
@@ -122,7 +122,6 @@ STAGES, EXCHANGE = "Single stages", "Data exchange"
 IMPORTS: dict[str, Callable[..., Any]] = {
     "joints": import_joints,
     "track": import_track,
-    "views": import_views,
 }
 GROUPS: dict[str, tuple[Callable[..., None], ...]] = {
     DAILY: (new, check, status, run, play, throw, exclude, include, predict, together),

@@ -1,6 +1,5 @@
-"""Commands that exchange data with other programs: import joints, track and views, export motion."""
+"""Commands that exchange data with other programs: import joints and track, export motion."""
 
-import re
 from pathlib import Path
 from typing import Annotated
 
@@ -233,48 +232,6 @@ def import_track(
         numbers = {"samples": summary.decoded_frames, "points": summary.points}
         found.append({"trial": number, **numbers, "warnings": summary.warnings})
     show(as_json, {"experiment": experiment} | (found[0] if len(found) == 1 else {"trials": found}), lines)
-
-
-def import_views(
-    experiment: ExperimentName,
-    trial: TrialNumber,
-    view: Annotated[
-        list[str],
-        typer.Option(
-            metavar="EXPERIMENT:TRIAL",
-            help="What a camera saw; give two or more. The result has the frames of the first.",
-        ),
-    ],
-    boards: Annotated[
-        str | None,
-        typer.Option(
-            help="Photos of the lens board taken by both cameras at once, with the same names, e.g. "
-            "'calibration/both-*.png': they place the second camera by the first."
-        ),
-    ] = None,
-    replace: Annotated[bool, typer.Option("--replace", help="Overwrite an earlier import.")] = False,
-    as_json: AsJson = False,
-) -> None:
-    """Join what two cameras or more saw of a throw to a track in space.
-
-    Each camera has an experiment of its own, run until `align`; both see the same markers of the plane.
-    """
-    from strandcast.stages import import_views as stage
-
-    for each in view:
-        if not re.fullmatch(r".+:\d+", each):
-            raise typer.BadParameter(f"--view {each} is not EXPERIMENT:TRIAL, e.g. left:1")
-    views = [(name, int(number)) for name, _, number in (each.rpartition(":") for each in view)]
-    summary = stage.run(ROOT, experiment, trial, views, replace, boards)
-    lines = [
-        f"{summary.decoded_frames} frames, {summary.points} mass points in space, "
-        f"{100 * summary.tracked_fraction:.0f} % located, median standard error "
-        f"{1e3 * summary.median_sigma_m:.2f} mm",
-        f"hand and tip reprojected to {summary.choices['ends_px']:.2f} px",
-    ]
-    lines += [f"warning: {warning}" for warning in summary.warnings]
-    found = {"frames": summary.decoded_frames, "points": summary.points, "warnings": summary.warnings}
-    show(as_json, {"experiment": experiment, "trial": trial} | found, lines)
 
 
 def export_motion(

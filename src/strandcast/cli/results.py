@@ -57,7 +57,7 @@ def _fitted_string(experiment: Any) -> dict[str, Any] | None:
         "weights": [weight.model_dump() | {"words": weight.words} for weight in estimate.weights],
         "parameters": [each.model_dump() for each in estimate.parameters],
         "arm": experiment.arm.name,
-        "camera": settings.camera_name,
+        "camera": ", ".join(settings.cameras),
         "trial": max(fitted),
         "trials_used": estimate.trials_used,
         "E_m": estimate.E_m,

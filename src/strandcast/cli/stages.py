@@ -30,6 +30,7 @@ TRIAL_STAGES = {
     "track": "Track the string of a trial as mass points.",
     "reconstruct": "Reconstruct the track of a trial in metres from its detections.",
     "align": "Align the camera's clock with the robot's.",
+    "join_views": "Join what several cameras saw of a throw to a track in space.",
     "register_track": "Register a track and an alignment that were measured elsewhere.",
     "register_motion": "Register the motion that a real arm has played as the trial's motion.",
     "score": "Compute by how much the throw missed its objective.",

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
 from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -12,7 +11,6 @@ from pydantic import AfterValidator, Field, model_validator
 
 from strandcast.core.quantities import Position, value_and_sd
 from strandcast.core.section import Section
-from strandcast.errors import StrandcastError
 
 MAIN = "main"  # the camera of an experiment that gives `camera:` and no names
 CameraName = Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9_-]{0,31}$")]
@@ -200,19 +198,3 @@ class CameraSettings(Section):
     def string_offset_and_sd_m(self) -> tuple[float, float]:
         """Distance of the string's plane from the markers' and its standard deviation [m]."""
         return value_and_sd(self.string_offset_m, OFFSET_SD_M)
-
-
-def only_camera(names: Iterable[str]) -> str:
-    """Return the name of the one camera.
-
-    Raises
-    ------
-    StrandcastError
-        SC-F003 there are several: each has an experiment of its own.
-    """
-    given = list(names)
-    if len(given) != 1:
-        what = f"names {len(given)} cameras ({', '.join(given)}); an experiment has one"
-        fix = "keep one; give each of the others an experiment, and join them: `strandcast import views`"
-        raise StrandcastError("SC-F003", what, field="cameras", fix=fix)
-    return given[0]

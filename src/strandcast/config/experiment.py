@@ -15,7 +15,6 @@ from strandcast.config.camera import (
     CameraName,
     CameraSettings,
     each_once,
-    only_camera,
 )
 from strandcast.config.estimate import EstimateSettings, known_names
 from strandcast.config.lab import LabSettings
@@ -27,8 +26,11 @@ from strandcast.core.box import Box
 from strandcast.core.objectives import OBJECTIVES, AnyObjective, Objective, PointObjective
 from strandcast.core.quantities import Position, Trial
 from strandcast.core.section import Section
+from strandcast.core.trial_names import PREFIX
+from strandcast.errors import StrandcastError
 
 HELD_OUT = "held out"  # why a trial does not count
+TAKEN = ("cameras", "logs", "made", "motions", "rehearsal", "boards", "predictions")  # folders of results
 
 
 class Exclusion(Section):
@@ -122,7 +124,7 @@ class Experiment(Section):
         {MAIN: CameraSettings()},
         min_length=1,
         description="Set-up and calibration of each camera, by name; `camera: {…}` is short for `cameras:"
-        " {main: {…}}`.",
+        " {main: {…}}`. Name two or more to measure the string in space.",
     )
     track: TrackSettings = Field(TrackSettings(), description="Tracking of the string in the video.")
     align: AlignSettings = Field(
@@ -172,10 +174,26 @@ class Experiment(Section):
         if beyond:
             what = f"the {self.objective.kind}'s place at {beyond[0]} m lies beyond the string's {length_m} m"
             yield Conflict(what, "objective", "give along_m from the hand, up to string.length_m")
+        if len(self.cameras) > 1:
+            yield from self._conflicts_of_several_cameras()
         named = {(c.lens, c.plane_photo) for c in self.cameras.values()}
         if self.lab is not None and named != {(LENS, PLANE_PHOTO)}:
             what = f"the lab writes {LENS} and {PLANE_PHOTO}"
             yield Conflict(what, "cameras", "leave lens and plane_photo out")
+
+    def _conflicts_of_several_cameras(self) -> Iterator[Conflict]:
+        """Yield what several cameras cannot have: they measure in space, for fits alone."""
+        if self.lab is not None:
+            yield Conflict("the lab films with one camera", "cameras", "name one")
+        if self.target_m is not None:
+            what = "several cameras do not see in which direction the hand holds the string"
+            yield Conflict(what, "target_m", "leave it out: their throws are fitted and predicted")
+        if self.track.background_picture is not None:
+            what = "several cameras do not see the same background"
+            yield Conflict(what, "track.background_picture", "leave it out: it is learned from each film")
+        if taken := [name for name in self.cameras if name in TAKEN or name.startswith(PREFIX)]:
+            what = f"a folder of results is named {taken[0]} already"
+            yield Conflict(what, f"cameras.{taken[0]}", "give this camera another name, e.g. left")
 
     def _conflicts_in_space(self) -> Iterator[Conflict]:
         """Yield the settings that only throws in the plane have, or only those that are filmed."""
@@ -237,12 +255,22 @@ class Experiment(Section):
 
     @property
     def camera_name(self) -> str:
-        """Return the name of the one camera; several are refused."""
-        return only_camera(self.cameras)
+        """Return the name of the one camera.
+
+        Raises
+        ------
+        StrandcastError
+            SC-F003 there are several, each with a name of its own for commands.
+        """
+        if len(self.cameras) > 1:
+            what = f"there are several cameras: {', '.join(self.cameras)}"
+            fix = f"name the camera after the experiment: EXPERIMENT/{next(iter(self.cameras))}"
+            raise StrandcastError("SC-F003", what, field="cameras", fix=fix)
+        return next(iter(self.cameras))
 
     @property
     def camera(self) -> CameraSettings:
-        """Return the set-up of the one camera; several are refused."""
+        """Return the set-up of the one camera (see `camera_name`)."""
         return self.cameras[self.camera_name]
 
     @property

@@ -53,6 +53,9 @@ def _renaming(name: str, root: Path) -> str:
         return "rename its folder: " + shlex.join(
             ["mv", str(folder), str(folder.with_name(_valid_name(name)))]
         )
+    experiment, is_camera, _ = name.partition(os.sep)
+    if is_camera and re.fullmatch(NAME, experiment):
+        return f"give the experiment's name without a camera's: {experiment}"
     taken = "; `paper` and `paper-quick` are taken" if name.startswith("paper") else ""
     return f"use up to 64 lower-case letters, digits and hyphens, e.g. `string-1`{taken}"
 

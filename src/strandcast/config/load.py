@@ -9,7 +9,7 @@ from pydantic import ValidationError
 from ruamel.yaml.comments import CommentedMap, CommentedSeq
 
 from strandcast.config.bounded import BoundError, load_yaml, read_bounded
-from strandcast.config.camera import MAIN, only_camera
+from strandcast.config.camera import LENS, MAIN, PLANE_PHOTO
 from strandcast.config.experiment import Experiment
 from strandcast.config.paper import with_method
 from strandcast.config.problems import line_of, one_per_place, problem
@@ -19,6 +19,7 @@ from strandcast.errors import StrandcastError, StrandcastErrors
 
 log = logging.getLogger(__name__)
 MOST_PROBLEMS = 50  # reported at once; chosen
+SEEN_BY_ALL = ("board", "plane", "string_offset_m")  # the first camera's hold for the others too
 
 
 def load_experiment(path: str | Path, text: str | None = None) -> Experiment:
@@ -42,11 +43,9 @@ def load_experiment(path: str | Path, text: str | None = None) -> Experiment:
         log.warning("%s:%d: %s (`strandcast check --fix` does it)", path, change.line + 1, change.what)
     try:
         # JSON in strict mode: no "0.3" for 0.3, no true for 1, but a list may stand for a pair.
-        experiment = Experiment.model_validate_json(
+        return Experiment.model_validate_json(
             json.dumps(with_method(_with_cameras(_with_target(_plain(data)))), default=str), strict=True
         )
-        only_camera(experiment.cameras)
-        return experiment
     except ValidationError as error:
         found = one_per_place(data, error.errors())
         raise StrandcastErrors(
@@ -71,7 +70,8 @@ def _with_target(data: dict[str, Any]) -> dict[str, Any]:
 def _with_cameras(data: dict[str, Any]) -> dict[str, Any]:
     """Return settings with `camera: …` written out as `cameras: {main: …}`.
 
-    A board in the plane has from the lens board what it does not give.
+    A board in the plane has from the lens board what it does not give. Of several cameras, each has a folder
+    of photos, and from the first what all see: the board and the plane.
     """
     if "camera" in data:
         if "cameras" in data:
@@ -79,11 +79,18 @@ def _with_cameras(data: dict[str, Any]) -> dict[str, Any]:
             fix = "move it into cameras, by name"
             raise StrandcastError("SC-F003", what, field="camera", fix=fix)
         data["cameras"] = {MAIN: data.pop("camera")}
-    cameras = data.get("cameras")
-    for camera in cameras.values() if isinstance(cameras, dict) else ():
-        board, plane = (camera.get(name) if isinstance(camera, dict) else None for name in ("board", "plane"))
+    given = data["cameras"] if isinstance(data.get("cameras"), dict) else {}
+    cameras = {name: camera for name, camera in given.items() if isinstance(camera, dict)}
+    first = next(iter(cameras.values()), {})
+    shared = {name: first[name] for name in SEEN_BY_ALL if name in first}
+    for name, camera in cameras.items():
+        if len(given) > 1:
+            own = {"lens": Path(LENS), "plane_photo": Path(PLANE_PHOTO)}
+            photos = {setting: str(path.parent / name / path.name) for setting, path in own.items()}
+            given[name] = camera = photos | shared | camera
+        board, plane = (camera.get(part) for part in ("board", "plane"))
         if isinstance(board, dict) and isinstance(plane, dict) and isinstance(plane.get("board"), dict):
-            plane["board"] = board | plane["board"]
+            camera["plane"] = plane | {"board": board | plane["board"]}
     return data
 
 

@@ -10,7 +10,7 @@ import json
 import os
 import shutil
 import zipfile
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from datetime import UTC, date, datetime
 from pathlib import Path
@@ -18,7 +18,7 @@ from typing import Any
 from urllib.parse import quote
 
 from strandcast.api import ExperimentView
-from strandcast.core.trial_names import in_trial_order, trial_digits
+from strandcast.core.trial_names import in_trial_order
 from strandcast.errors import StrandcastError
 from strandcast.exports.throw import refuse_filled
 from strandcast.packages import optional_package
@@ -28,6 +28,7 @@ from strandcast.records.lineage import relative_to
 from strandcast.records.summary import VersionGroup, group_by_versions
 from strandcast.records.verdict import Verdict
 from strandcast.records.verified import READERS
+from strandcast.stages.context import Context
 from strandcast.stages.declarations import STAGES
 from strandcast.stages.job import Files, Job
 
@@ -61,14 +62,20 @@ class _StageRun:
     """A stage that ran: the names of the files that it read and wrote, and the versions that it ran with."""
 
     stage: str
-    trial: int
+    job: Job
     made_by: dict[str, str]
     inputs: set[str] = field(default_factory=set)
     outputs: set[str] = field(default_factory=set)
 
+    def named(self, between: str, trial: str) -> str:
+        """Return its name: the stage, the camera if there are several, the trial if it is of one."""
+        _, _, camera = self.job.context.name.partition("/")
+        trial = trial.format(self.job.trial) if self.job.trial else ""
+        return between.join(part for part in (self.stage, camera, trial) if part)
+
     @property
     def name(self) -> str:
-        return f"{self.stage}, trial {self.trial}" if self.trial else self.stage
+        return self.named(", ", "trial {}")
 
 
 def export_crate(
@@ -133,17 +140,14 @@ def export_crate(
 
 def _stage_runs(experiment: ExperimentView) -> list[_StageRun]:
     """Return the stages that made the files of an experiment, in the order of the loop."""
-    folder = experiment.context.folder
-    places = [folder.results, folder.results / "cameras", folder.rehearsal]
-    places += [place for t in experiment.trials.values() for place in (t.folder.data, t.folder.results)]
-    runs: dict[tuple[str, int], _StageRun] = {}
-    for path in sorted(path for place in places for path in place.glob("*.*")):
-        if path.suffix not in READERS or path.name.startswith("."):
-            continue
+    runs: dict[tuple[str, str, int], _StageRun] = {}
+    for context, path in _recorded(experiment):
+        folder = context.folder
         lineage, made_by = READERS[path.suffix](path)
         if lineage is None or lineage.stage not in STAGES:  # a raw file
             continue
-        run = runs.setdefault((lineage.stage, lineage.trial), _StageRun(lineage.stage, lineage.trial, {}))
+        key, job = (context.name, lineage.stage, lineage.trial), Job(context, lineage.trial)
+        run = runs.setdefault(key, _StageRun(lineage.stage, job, {}))
         run.made_by.update(made_by)
         run.inputs.update(lineage.inputs)
         if path.is_relative_to(folder.results):  # raw files may be copies of results, with their lineage
@@ -154,12 +158,26 @@ def _stage_runs(experiment: ExperimentView) -> list[_StageRun]:
         _add_declared(experiment, run)
         run.inputs.difference_update(run.outputs)
     order = list(STAGES)
-    return sorted(runs.values(), key=lambda run: (run.trial, order.index(run.stage)))
+    return sorted(runs.values(), key=lambda run: (run.job.trial, order.index(run.stage)))
+
+
+def _recorded(experiment: ExperimentView) -> Iterator[tuple[Context, Path]]:
+    """Yield the files with a lineage, of the experiment and of each of several cameras."""
+    whole = experiment.context
+    for context in (whole, *whole.views):
+        folder = context.folder
+        places = [folder.results, folder.results / "cameras"]
+        places += [folder.trial(number).results for number in experiment.trials]
+        if context is whole:
+            places += [folder.rehearsal, *(trial.folder.data for trial in experiment.trials.values())]
+        for path in sorted(path for place in places for path in place.glob("*.*")):
+            if path.suffix in READERS and not path.name.startswith("."):
+                yield context, path
 
 
 def _add_declared(experiment: ExperimentView, run: _StageRun) -> None:
     """Add the files that no lineage names: raw ones that a stage hashes itself, and what the lab films."""
-    job, stage = Job(experiment.context, run.trial), STAGES[run.stage]
+    job, stage = run.job, STAGES[run.stage]
     declared = {**stage.inputs, **stage.may_read}
     read = [path for role in set(declared) - set(stage.lineage_roles()) for path in declared[role](job)]
     # Results that a stage may look at, such as the manifests of later trials, are not what it works on.
@@ -220,8 +238,7 @@ def _add_actions(crate: Any, runs: list[_StageRun], entities: dict[str, Any]) ->
         properties = {"name": run.name, "instrument": instrument}
         properties["object"] = [entities[name] for name in in_trial_order(run.inputs) if name in entities]
         properties["result"] = [entities[name] for name in in_trial_order(run.outputs) if name in entities]
-        identifier = f"#{run.stage}-{trial_digits(run.trial)}" if run.trial else f"#{run.stage}"
-        actions.append(_add(crate, identifier, "CreateAction", **properties))
+        actions.append(_add(crate, f"#{run.named('-', '{:02d}')}", "CreateAction", **properties))
     return actions
 
 

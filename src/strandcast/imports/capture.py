@@ -148,7 +148,7 @@ def supplied_summary(track: Track, known: CapturedTrial, index: list[int]) -> Tr
         tracked_fraction=float(detected[:, index].mean()),
         tip_fraction=float(detected[:, -1].mean()),
         marker_fraction=float(detected[:, 0].mean()),
-        median_sigma_m=float(track.sigma_m[0, 0]),
+        median_sigma_m=float(np.nanmedian(track.sigma_m[:, index])),
         choices={},
         cameras=[],
         warnings=[],

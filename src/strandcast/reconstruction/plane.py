@@ -4,28 +4,17 @@ import numpy as np
 
 from strandcast.camera.mapping import metre_to_pixel, pixel_per_metre, pixel_to_metre
 from strandcast.camera.marker_pose import marker_pose
-from strandcast.config.camera import only_camera
 from strandcast.records.camera import Camera
 from strandcast.records.observations import Observations, StringPixels
 from strandcast.records.track import Track
 
 
-def reconstruct(
-    observations: dict[str, Observations], cameras: dict[str, Camera]
-) -> tuple[Track, dict[str, np.ndarray]]:
-    """Return the track in metres and the columns of markers.parquet, from observations and cameras by name.
+def reconstruct(observed: Observations, camera: Camera) -> tuple[Track, dict[str, np.ndarray]]:
+    """Return the track in metres, where rays meet the plane of motion, and the columns of markers.parquet.
 
-    One camera gives the track by intersection with the plane of motion. Several need their clocks too:
-    `strandcast.reconstruction.views`.
-
-    Raises
-    ------
-    StrandcastError
-        SC-F003 there are several cameras.
+    Several cameras need their clocks too: `strandcast.reconstruction.views`.
     """
-    name = only_camera(observations)
-    found, camera = observations[name], cameras[name]
-    return intersect_plane(found.string, camera), marker_poses(found, camera)
+    return intersect_plane(observed.string, camera), marker_poses(observed, camera)
 
 
 def intersect_plane(pixels: StringPixels, camera: Camera) -> Track:

@@ -20,6 +20,7 @@ CONTAINERS = (".mp4", ".avi", ".mkv", ".mov", ".m4v", ".webm", ".cine")
 TIFFS = (".tif", ".tiff")
 PICTURES = (".png", *TIFFS)  # in a folder
 PHOTRON = (".mraw", ".cih", ".cihx")  # raw frames and their headers; the last one present names the video
+VIDEO = "video"
 LIKE_A_TRIAL = re.compile(r"trial[\W_]?\d+", re.IGNORECASE)  # trial-1, trial_01, Trial-01, trial-0100
 # Entry points of packages that read other formats; the name of each is a suffix without its dot.
 FRAME_READERS_GROUP = "strandcast.frame_readers"
@@ -47,15 +48,24 @@ def project_root() -> Path:
 
 @dataclass(frozen=True)
 class ExperimentFolder:
-    """The folders of one experiment under the project's root."""
+    """The folders of one experiment under the project's root, or of one of its cameras: ``cable/left``.
+
+    Such a camera has results of its own, in a folder among the experiment's.
+    """
 
     root: Path
     name: str
+    films: tuple[str, ...] = (VIDEO,)  # names of the videos of a trial, without suffix
+
+    @property
+    def experiment(self) -> str:
+        """Return the experiment's name, without a camera's."""
+        return self.name.partition("/")[0]
 
     @cached_property  # the engine asks for each file of each trial
     def data(self) -> Path:
         """Return the folder of raw files."""
-        return self.root / "data" / self.name
+        return self.root / "data" / self.experiment
 
     @cached_property
     def results(self) -> Path:
@@ -75,6 +85,11 @@ class ExperimentFolder:
     def camera(self, name: str) -> Path:
         """Return the record of a camera."""
         return self.results / "cameras" / f"{name}.json"
+
+    def views(self) -> list[ExperimentFolder]:
+        """Return the folders of its several cameras, as far as they have results."""
+        found = sorted(path.parent.name for path in self.results.glob("*/cameras"))
+        return [ExperimentFolder(self.root, f"{self.name}/{camera}", (camera,)) for camera in found]
 
     def trial(self, number: int) -> TrialFolder:
         """Return the folders of one trial."""
@@ -128,7 +143,7 @@ class ExperimentFolder:
 @lru_cache(maxsize=4096)
 def _trial_folder(experiment: ExperimentFolder, number: int) -> TrialFolder:
     name = trial_name(number)
-    return TrialFolder(experiment.data / name, experiment.results / name, number)
+    return TrialFolder(experiment.data / name, experiment.results / name, number, experiment.films)
 
 
 @dataclass(frozen=True)
@@ -138,6 +153,7 @@ class TrialFolder:
     data: Path
     results: Path
     number: int
+    films: tuple[str, ...] = (VIDEO,)
 
     def video(self) -> Path:
         """Return the one video among the raw files: a file, or a folder of pictures."""
@@ -147,16 +163,19 @@ class TrialFolder:
         names = ", ".join(path.name for path in found) or "none"
         others = sorted(path.name for path in entries_of(self.data))
         inside = "" if found else f"; in the folder: {', '.join(others[:8]) or 'nothing'}"
+        film, suffixes = self.films[0], ", ".join((*video_suffixes(), PHOTRON[-1], PHOTRON[0]))
         raise StrandcastError(
             "SC-V020",
-            f"expected one video.* file ({', '.join((*video_suffixes(), PHOTRON[-1], PHOTRON[0]))}) or a "
-            f"folder video of pictures, found {names}{inside}",
+            f"expected one {film}.* file ({suffixes}) or a folder {film} of pictures, found {names}{inside}",
             file=self.data,
         )
 
     def videos(self) -> list[Path]:
-        """Return the videos among the raw files, each a file or a folder of pictures: there should be one."""
-        there = [path for path in self.raw_files() if path.stem.lower() == "video"]
+        """Return the videos among the raw files, each a file or a folder of pictures; one a film is right."""
+        return [video for film in self.films for video in self._videos_named(film)]
+
+    def _videos_named(self, film: str) -> list[Path]:
+        there = [path for path in self.raw_files() if path.stem.lower() == film]
         found = [path for path in there if path.suffix.lower() in video_suffixes()]
         photron = [path for path in there if path.suffix.lower() in PHOTRON]
         found += sorted(photron, key=lambda path: PHOTRON.index(path.suffix.lower()))[-1:]
@@ -165,7 +184,7 @@ class TrialFolder:
     def other_films(self) -> list[str]:
         """Return the names of other films among the raw files, which are not read."""
         films = [path for path in self.raw_files() if path.suffix.lower() in video_suffixes()]
-        return [path.name for path in films if path.stem.lower() != "video"]
+        return [path.name for path in films if path.stem.lower() not in self.films]
 
     def raw_files(self) -> list[Path]:
         """Return what lies in the folder of raw files: a real trial that has any was thrown."""

@@ -33,6 +33,11 @@ class Place(NamedTuple):
     def __str__(self) -> str:
         return _named(self.experiment, self.trial)
 
+    @property
+    def run(self) -> str:
+        """Return the command that makes its results: with a camera, those of the whole experiment."""
+        return f"strandcast run {self.experiment.partition('/')[0]}"
+
 
 @dataclass(frozen=True)
 class Lineage:
@@ -121,7 +126,7 @@ def place_of(path: str | Path) -> Place | None:
     A kept motion lies nowhere: whatever it was planned from may have changed; so does a rehearsal.
     """
     parents = Path(os.path.normpath(Path(path).absolute())).parents  # not "trial-01/../cameras"
-    for experiment, inside in zip(parents, [None, *parents], strict=False):
+    for experiment, inside, below in zip(parents, [None, *parents], [None, None, *parents], strict=False):
         raw = experiment.parent.name == "data"
         if not raw and experiment.parent.name != "results":
             continue
@@ -129,6 +134,10 @@ def place_of(path: str | Path) -> Place | None:
         # What lies elsewhere in an experiment belongs to no project that a folder above may look like.
         if inside is not None and (inside.name == KEPT_MOTIONS or (raw and not number)):
             return None
+        if not raw and not number and inside is not None and below is not None:  # results/cable/left/trial-01
+            number, is_view = trial_number(below.name), below.name == "cameras"
+            name = f"{experiment.name}/{inside.name}" if number or is_view else experiment.name
+            return Place(experiment.parent.parent, name, number, raw)
         if not raw or number:
             return Place(experiment.parent.parent, experiment.name, number, raw)
     return None
@@ -139,7 +148,7 @@ def how_to_make(path: str | Path) -> str:
     place = place_of(path)
     if place is None:
         return "check the path"
-    return "copy it there" if place.raw else f"make it first: strandcast run {place.experiment}"
+    return "copy it there" if place.raw else f"make it first: {place.run}"
 
 
 def check_lineage(
@@ -165,14 +174,14 @@ def check_lineage(
     named = _named(lineage.experiment, lineage.trial)
     if lineage.experiment != place.experiment and not place.raw:
         what = f"was made for {named}, but lies in the folder of {place}"
-        raise _refusal(OUTDATED, path, what, f"make it again: strandcast run {place.experiment}")
+        raise _refusal(OUTDATED, path, what, f"make it again: {place.run}")
     if lineage.experiment == place.experiment and lineage.trial != place.trial:
         what = f"is of {named}, but lies in the folder of {place}"
         raise _refusal(MISPLACED, path, what, "put back this trial's own file")
     changed = [] if place.raw or not inputs else changed_inputs(place.root, lineage.inputs)
     if changed:
         what = f"was made from another {changed[0]} than the one that is there"
-        fix = f"restore {changed[0]}, or make this file again: strandcast run {place.experiment}"
+        fix = f"restore {changed[0]}, or make this file again: {place.run}"
         raise _refusal(OUTDATED, path, what, fix)
 
 

@@ -125,6 +125,19 @@ class TrialResults:
         summary = self.get("track_summary")
         return summary is not None and summary.source == "supplied"
 
+    def joined(self) -> list[str]:
+        """Return the names of the cameras whose tracks were joined in space; none of a single one."""
+        return self.need("track_summary").cameras if self.supplied() else []
+
+    def views(self) -> dict[str, tuple[TrackSummary, bytes]]:
+        """Return what each of several cameras saw, by its name: the summary of its track, and its picture."""
+        found = {}
+        for camera in self.joined():
+            folder = self.folder.parent / camera / self.folder.name
+            seen = TrackSummary.read(folder / FILES["track_summary"])
+            found[camera] = seen, _read_picture(folder / FILES["strobe"], seen.lineage)
+        return found
+
     def aimed(self) -> bool:
         """Return whether the trial had a target, as far as its verdict can be read."""
         verdict = self.get("verdict")

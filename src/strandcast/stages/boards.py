@@ -10,7 +10,7 @@ from strandcast.stages.context import context_of
 def run(root: Path, name: str, out: Path, suffix: str) -> list[Path]:
     """Write the boards as files in `out` and return their paths."""
     context = context_of(root, name)
-    camera = context.settings.camera
+    camera = next(iter(context.settings.cameras.values()))  # what several see is the first one's
     arm = load_arm(context.arm_file).planar()
     written = write_charuco(camera.board, out / f"lens-board.{suffix}", f"{name}: lens")
     ids = [marker.id for marker in camera.plane.markers]

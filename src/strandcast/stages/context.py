@@ -14,7 +14,7 @@ from strandcast.config.find import find_arm, find_experiment
 from strandcast.config.load import load_experiment
 from strandcast.core.strings import PARAMETERS, SPATIAL_RANGES
 from strandcast.errors import StrandcastError
-from strandcast.records.folders import ExperimentFolder
+from strandcast.records.folders import VIDEO, ExperimentFolder
 from strandcast.records.manifest import Manifest
 
 
@@ -31,6 +31,17 @@ class Context:
     def arm_file(self) -> Path:
         """Return the arm's file."""
         return find_arm(self.settings, self.file, self.folder.root)
+
+    @cached_property
+    def views(self) -> list["Context"]:
+        """Return each of several cameras as an experiment with one, with its own folder of results."""
+        cameras = self.settings.cameras
+        return [self._view(name) for name in cameras] if len(cameras) > 1 else []
+
+    def _view(self, camera: str) -> "Context":
+        one = self.settings.model_copy(update={"cameras": {camera: self.settings.cameras[camera]}})
+        name = f"{self.name}/{camera}"
+        return Context(name, one, self.file, ExperimentFolder(self.folder.root, name, (camera,)))
 
     @property
     def background_picture(self) -> Path | None:
@@ -51,7 +62,26 @@ class Context:
 def context_of(root: Path, name: str) -> Context:
     """Find and read an experiment."""
     file = find_experiment(name, root)
-    return Context(name, load_experiment(file), file, ExperimentFolder(root, name))
+    settings = load_experiment(file)
+    films = (VIDEO,) if len(settings.cameras) == 1 else tuple(settings.cameras)
+    return Context(name, settings, file, ExperimentFolder(root, name, films))
+
+
+def context_of_camera(root: Path, name: str) -> Context:
+    """Find and read an experiment, or one of its several cameras: ``cable/left``.
+
+    Raises
+    ------
+    StrandcastError
+        SC-F003 the experiment has no such camera.
+    """
+    experiment, is_view, _ = name.partition("/")
+    whole = context_of(root, experiment)
+    views = {view.name: view for view in whole.views}
+    if is_view and name not in views:
+        what, known = f"{name!r} is no camera of {experiment}", ", ".join(views or [experiment])
+        raise StrandcastError("SC-F003", what, file=whole.file, field="cameras", fix=f"name one of {known}")
+    return views[name] if is_view else whole
 
 
 @contextmanager

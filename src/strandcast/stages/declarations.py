@@ -173,6 +173,18 @@ _DECLARED = (
         settings=("align",),
     ),
     Stage(
+        "join_views",
+        inputs={
+            "observations": files.of_views(results(this, "observations.parquet")),
+            "summaries": files.of_views(results(this, "track.json")),
+            "alignments": files.of_views(results(this, "alignment.json")),
+            "cameras": files.cameras,
+            "boards": files.shared_boards,
+        },
+        outputs={role: TRIAL + name for role, name in SUPPLIED_FILES.items()},
+        settings=("string.length_m", "string.points", "cameras.*.board"),
+    ),
+    Stage(
         "register_track",
         inputs={"capture": files.lab_capture, **{role: raw(name) for role, name in SUPPLIED_FILES.items()}},
         outputs={role: TRIAL + name for role, name in SUPPLIED_FILES.items()},
@@ -238,6 +250,7 @@ _DECLARED = (
             "shown": results(so_far, *page_files.ON_PAGE),
             "verdict": results(this, "verdict.json"),
             "cameras": files.cameras,
+            "strobes": files.strobes,
             "planned": page_files.motion_after,
             "expected": page_files.throws_after,
         },

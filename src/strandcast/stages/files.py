@@ -65,12 +65,33 @@ def results(scope: Scope, *names: str) -> Role:
 
 def cameras(job: Job) -> list[Path]:
     """Return the records of the experiment's cameras."""
-    return [job.context.folder.camera(name) for name in job.context.settings.cameras]
+    contexts = job.context.views or [job.context]
+    return [one.folder.camera(name) for one in contexts for name in one.settings.cameras]
 
 
 def filming(job: Job) -> list[Path]:
-    """Return the records of the cameras that filmed a trial; none where its track was supplied."""
-    return [] if supplied(job, job.trial) else cameras(job)
+    """Return the record of the camera that filmed a trial in the plane; none where its track is no film's."""
+    return cameras(job) if filmed(job, job.trial) else []
+
+
+def of_views(find: Role) -> Role:
+    """Return the role of the files of each of several cameras."""
+    return lambda job: [path for view in job.context.views for path in find(Job(view, job.trial))]
+
+
+def strobes(job: Job) -> list[Path]:
+    """Return the picture of a throw by each of several cameras, with the record that vouches for it."""
+    return of_views(results(this, "track.json", "strobe.webp"))(job)
+
+
+def shared_boards(job: Job) -> list[Path]:
+    """Return the photos of the lens board that several cameras took at once, beside the plane's."""
+    cameras = job.context.settings.cameras.values()
+    folders = {(job.context.folder.data / camera.plane_photo).parent for camera in cameras}
+    if len(folders) < len(cameras):
+        return []
+    found = [path for folder in folders for path in files_matching(folder, SHARED_BOARDS)]
+    return sorted(path for path in found if path.suffix.lower() in PHOTO_SUFFIXES)
 
 
 def camera_pictures(job: Job) -> list[Path]:
@@ -198,6 +219,7 @@ def _arm_keys(arm_toml: str) -> dict[str, Any]:
     return load_toml(arm_toml)
 
 
+SHARED_BOARDS = "both-*"
 PHOTO_SUFFIXES = (".jpg", ".jpeg", ".png", ".tif", ".tiff", ".bmp")
 LAB_PHOTOS = tuple(f"calibration/lens-{number:02d}.png" for number in range(1, 13))
 
@@ -286,6 +308,11 @@ def supplied(job: Job, trial: int) -> bool:
     folder = job.context.folder.trial(trial)
     there = [file_exists(folder.data / name) for name in SUPPLIED_FILES.values()]
     return job.context.settings.lab_captures or all(there) or (there[0] and not folder.videos())
+
+
+def filmed(job: Job, trial: int) -> bool:
+    """Return whether a trial's track is of one camera, in the plane."""
+    return not (job.context.views or supplied(job, trial))
 
 
 def lab_capture(job: Job) -> list[Path]:

@@ -3,6 +3,7 @@
 from pathlib import Path
 
 from strandcast.errors import INTEGRITY, StrandcastError
+from strandcast.records.folders import VIDEO
 from strandcast.records.joint_log import JointLog, Run, read_run
 from strandcast.records.manifest import LogFacts, Manifest
 from strandcast.records.motion import Motion
@@ -38,7 +39,8 @@ def run(job: Job, files: Files) -> None:
             exit_code=INTEGRITY,
         )
     warnings = warnings_of(video, log) + _log_warnings(log) + _foreign(played, context.name, job.trial)
-    if others := job.folder.other_films():
+    others = job.folder.other_films() if job.folder.films == (VIDEO,) else []  # else of other cameras
+    if others:
         warnings.append(f"{', '.join(others)} not read, only {path.name}: join the parts of a throw's film")
     Manifest(
         experiment=context.name,

@@ -30,13 +30,14 @@ def shown(scope: Scope) -> Role:
 
 def _shown_of(job: Job, trial: int) -> list[Path]:
     context = job.context
-    by_camera = not files.supplied(job, trial)
+    by_camera = files.filmed(job, trial)
     names = [*MEASURED_FILES, *(BY_CAMERA if by_camera else [])]
     names += [] if trial in context.settings.held_out else FITTED_FILES
     names += ["lab_truth.parquet"] if job.is_lab else []
     names += MOTION_FILES if _is_played(job, trial) else []
     camera = files.cameras(job) if by_camera else []
-    return [context.folder.trial(trial).results / name for name in names] + camera
+    strobes = [] if files.supplied(job, trial) else files.strobes(Job(context, trial))
+    return [context.folder.trial(trial).results / name for name in names] + camera + strobes
 
 
 def next_motion(job: Job) -> list[Path]:

@@ -10,7 +10,7 @@ from strandcast.camera.markers import same_family
 from strandcast.camera.picture_file import write_picture
 from strandcast.errors import StrandcastError
 from strandcast.records.camera import Camera
-from strandcast.stages.context import Context, context_of, free_length_m
+from strandcast.stages.context import Context, context_of_camera, free_length_m
 from strandcast.stages.photos import given_background
 from strandcast.tracking.chain.string_track import POLARITIES
 from strandcast.tracking.preview.findings import findings, problems
@@ -25,13 +25,14 @@ WEBP_QUALITY = 85
 
 def run(root: Path, name: str, trial: int) -> list[str]:
     """Write the preview's picture; return the findings, one line each."""
-    context = context_of(root, name)
+    context = context_of_camera(root, name)
+    settings = context.settings.camera
     if context.settings.track.tracker != "chain":
         what, fix = "only the tracker chain has a preview", "run `strandcast track`: see strobe.webp"
         raise StrandcastError("SC-E008", what, field="track.tracker", fix=fix)
     folder = context.folder.trial(trial)
     # A video that was cut can be previewed too; problems of the file are listed with the others.
-    facts = inspect_video(folder.video(), context.settings.camera.frame_rate_hz, "use_prefix")
+    facts = inspect_video(folder.video(), settings.frame_rate_hz, "use_prefix")
     sampled = sample_video(folder.video(), facts)
     expected = _expected(context)
     background = given_background(context, facts)

@@ -12,6 +12,7 @@ from strandcast.stages.declarations import STAGES
 from strandcast.stages.job import Files, Job
 
 BY_CAMERA = ("ingest", "track", "reconstruct", "align")  # a supplied track needs none of them
+JOIN = "join_views"  # of several cameras
 
 
 class Step(NamedTuple):
@@ -19,14 +20,21 @@ class Step(NamedTuple):
 
     stage: str
     trial: int = 0
+    view: str = ""  # of an experiment with several cameras, the name of its one: cable/left
 
     def __str__(self) -> str:
-        return f"{self.stage} of trial {self.trial}" if self.trial else self.stage
+        of = [self.view] * bool(self.view) + [f"trial {self.trial}"] * bool(self.trial)
+        return f"{self.stage} of {', '.join(of)}" if of else self.stage
 
     def command(self, experiment: str) -> str:
         """Return the command that runs it alone."""
         name = ("" if self.stage in CALLED_BY_NAME else "stage ") + self.stage.replace("_", "-")
-        return f"strandcast {name} {experiment}" + (f" {self.trial}" if self.trial else "")
+        return f"strandcast {name} {self.view or experiment}" + (f" {self.trial}" if self.trial else "")
+
+    def job(self, context: Context, trials: tuple[int, ...] = ()) -> Job:
+        """Return its job, of the experiment or of its camera."""
+        one = next((view for view in context.views if view.name == self.view), context)
+        return Job(one, self.trial, trials)
 
 
 def steps_of(context: Context, trial: int) -> list[Step]:
@@ -35,10 +43,10 @@ def steps_of(context: Context, trial: int) -> list[Step]:
     if not trial:
         recorded = [] if is_lab else context.folder.recorded_trials()
         supplied = recorded and all(files.supplied(Job(context), each) for each in recorded)
-        calibrated = [] if supplied or context.settings.aims_in_space else ["calibrate"]
+        calibrated = [] if supplied or context.settings.aims_in_space else _by_camera(context, ["calibrate"])
         lab = ["lab_calibrate"] if is_lab and not captures else []
         lab += ["lab_rehearse"] if context.settings.lab_rehearses else []
-        return [Step(stage) for stage in (*lab, *calibrated, "summary")]
+        return [*map(Step, lab), *calibrated, Step("summary")]
     folder = context.folder.trial(trial)
     if is_lab:
         motion = ["plan", lab_throw(context)]
@@ -46,8 +54,17 @@ def steps_of(context: Context, trial: int) -> list[Step]:
         motion = ["register_motion"]
     else:
         motion = [] if folder.raw_files() or context.settings.target_m is None else ["plan"]
-    measured = ("register_track",) if files.supplied(Job(context), trial) else BY_CAMERA
-    return [Step(stage, trial) for stage in (*motion, *measured, "score", "estimate", "report")]
+    measured = [Step("register_track", trial)]
+    if not files.supplied(Job(context), trial):
+        measured = _by_camera(context, BY_CAMERA, trial) + [Step(JOIN, trial)] * bool(context.views)
+    after = [Step(stage, trial) for stage in ("score", "estimate", "report")]
+    return [*(Step(stage, trial) for stage in motion), *measured, *after]
+
+
+def _by_camera(context: Context, stages: Iterable[str], trial: int = 0) -> list[Step]:
+    """Return some stages of each camera."""
+    views = [view.name for view in context.views] or [""]
+    return [Step(stage, trial, view) for view in views for stage in stages]
 
 
 def lab_throw(context: Context) -> str:
@@ -59,9 +76,7 @@ def producers(context: Context, trials: Iterable[int]) -> dict[Path, Step]:
     """Return the step that makes each file, for an experiment and some of its trials."""
     steps = (step for trial in (0, *trials) for step in steps_of(context, trial))
     return {
-        path: step
-        for step in steps
-        for path in Files(STAGES[step.stage], Job(context, step.trial)).all_outputs()
+        path: step for step in steps for path in Files(STAGES[step.stage], step.job(context)).all_outputs()
     }
 
 
@@ -69,7 +84,9 @@ def recording_advice(context: Context, trial: int) -> str:
     """Return how a trial that was thrown gets its recording: a video, or in space a capture."""
     if context.settings.aims_in_space:
         return f"import the capture of trial {trial}: {capture_command(context, trial)}"
-    return f"copy the video of trial {trial} to {context.folder.trial(trial).data}/video.*"
+    folder = context.folder.trial(trial)
+    films = " and ".join(f"{film}.*" for film in folder.films)
+    return f"copy the video of trial {trial} to {folder.data}/{films}"
 
 
 def capture_command(context: Context, trial: int) -> str:

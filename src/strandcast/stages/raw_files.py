@@ -17,17 +17,20 @@ MOST_NAMED = 12  # files beside a missing one
 
 def missing_file(context: Context, path: Path) -> StrandcastError:
     """Return the problem of a raw file that is not there, with the setting that names it if there is one."""
-    camera, name = context.settings.camera, shlex.quote(context.name)
+    name = shlex.quote(context.name)
     photos = (
         "if it is there under another name, rename it or set camera.lens; otherwise take 10 photos of "
         f"it (strandcast boards {name} prints it), all over the picture; motion capture needs none "
         "(strandcast import track)"
     )
-    named = (
-        (camera.lens, *LENS_MISSING[camera.lens_kind], photos if camera.lens_kind == "photos" else None),
-        (camera.plane_photo, "SC-C031", "camera.plane_photo", "photo of the plane", None),
-        (context.settings.track.background_picture, "SC-T030", "track.background_picture", "picture", None),
-    )
+    background, setting = context.settings.track.background_picture, "track.background_picture"
+    named: list[tuple[str | None, str, str, str, str | None]] = [
+        (background, "SC-T030", setting, "picture", None)
+    ]
+    for camera in context.settings.cameras.values():
+        fix = photos if camera.lens_kind == "photos" else None
+        named.append((camera.lens, *LENS_MISSING[camera.lens_kind], fix))
+        named.append((camera.plane_photo, "SC-C031", "camera.plane_photo", "photo of the plane", None))
     for given, code, setting, what, fix in named:
         if given is not None and path == context.folder.data / given:
             beside = ", ".join(sorted(each.name for each in entries_of(path.parent))[:MOST_NAMED])

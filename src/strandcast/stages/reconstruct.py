@@ -9,9 +9,8 @@ from strandcast.stages.job import Files, Job
 
 
 def run(job: Job, files: Files) -> None:
-    """Reconstruct the track of one trial from its observations and the records of their cameras."""
-    observations = read_observations(files.input("observations"))
-    cameras = {camera: Camera.read(job.context.folder.camera(camera)) for camera in observations}
-    track, markers = reconstruct(observations, cameras)
+    """Reconstruct the track of one trial in the plane, as its one camera saw it."""
+    observed = read_observations(files.input("observations"))[job.context.settings.camera_name]
+    track, markers = reconstruct(observed, Camera.read(files.input("cameras")))
     write_table(files.output("track"), TRACK, track.columns())
     write_table(files.output("markers"), MARKERS, markers)

@@ -10,19 +10,31 @@ from threadpoolctl import threadpool_limits
 from strandcast.errors import INTEGRITY, StrandcastError
 from strandcast.progress import print_line
 from strandcast.records.lineage import made_by_stage
-from strandcast.stages.context import context_of
+from strandcast.stages.context import context_of, context_of_camera
 from strandcast.stages.declarations import STAGES
 from strandcast.stages.job import Files, Job
 from strandcast.stages.made import made_from, write_note
-from strandcast.stages.producers import Step, producers
+from strandcast.stages.producers import BY_CAMERA, Step, producers
 from strandcast.stages.raw_files import missing_file
 
 PAGES = ("report", "summary")  # they show what is missing
 
 
 def files_of(stage: str, root: Path, experiment: str, trial: int = 0, trials: Sequence[int] = ()) -> Files:
-    """Return the files that a stage reads and writes for an experiment and its trial, or all its trials."""
-    return Files(STAGES[stage], Job(context_of(root, experiment), trial, tuple(trials)))
+    """Return the files that a stage reads and writes for an experiment and its trial, or all its trials.
+
+    Raises
+    ------
+    StrandcastError
+        SC-F003 the stage works on one camera, and the experiment has several; their names are as in
+        `context_of_camera`.
+    """
+    if stage in (*BY_CAMERA, "calibrate"):
+        context = context_of_camera(root, experiment)
+        context.settings.camera_name  # noqa: B018  (refuses several)
+    else:
+        context = context_of(root, experiment)
+    return Files(STAGES[stage], Job(context, trial, tuple(trials)))
 
 
 def run_stage(stage: str, root: Path, experiment: str, trial: int = 0, trials: Sequence[int] = ()) -> None:

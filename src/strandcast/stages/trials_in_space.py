@@ -65,7 +65,8 @@ def cable_of_trials(files: Files, trials: list[Trial]) -> tuple[StringModel, Cab
                 "for each way in which the string was driven",
             )
     points = string.points or POINTS
-    return cable_of(context, string.length_m, len(ends) > 1, points, pinned=ends[0].direction is None)
+    length_m, pinned = length_in_space_m(context), ends[0].direction is None
+    return cable_of(context, length_m, len(ends) > 1, points, pinned=pinned)
 
 
 def _kind(ends: list[EndPath]) -> tuple[int, bool, bool]:
@@ -112,8 +113,8 @@ def series_of(files: Files, trial: Trial) -> dict[str, CableSeries]:
 
 def length_in_space_m(context: Context) -> float:
     """Return the present length of the free string [m]."""
-    thrown = context.settings.aims_in_space
-    return free_length_m(context, arm_of(context).clamp.clamped_length_m if thrown else 0.0)
+    clamped = context.settings.aims_in_space or context.views  # else it is captured, without an arm
+    return free_length_m(context, arm_of(context).clamp.clamped_length_m if clamped else 0.0)
 
 
 def _places(files: Files, trial: Trial) -> np.ndarray:

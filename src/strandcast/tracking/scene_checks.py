@@ -145,7 +145,7 @@ def out_of_plane_warnings(out: OutOfPlane | None) -> list[str]:
         f"the string's apparent length varies by {range_mm:.0f} mm: its tip leaves the plane of motion by "
         f"{depth_mm:.0f} mm or more. One camera does not see that: it places the tip up to {error_mm:.0f} "
         f"mm wrong in the plane, and a miss may be {depth_mm:.0f} mm larger than it seems. Keep to one "
-        "plane, or film with a second camera (`strandcast import views`)"
+        "plane, or film with a second camera (docs/how-to/two-cameras.md)"
     ]
 
 

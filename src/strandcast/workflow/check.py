@@ -155,8 +155,8 @@ def _check_all(root: Path, name: str, found: Checked) -> None:
     found.attempt(files.known_string, Job(context, 1))
     _compare_radii(context, found)
     if context.settings.lab is None:
-        if not context.settings.aims_in_space:
-            found.attempt(_check_photos, context, found)
+        for one in context.views or ([] if context.settings.aims_in_space else [context]):
+            found.attempt(_check_photos, one, found)
         _check_folders(context, found)
 
 
@@ -195,8 +195,8 @@ def _check_arm(context: Context, found: Checked) -> None:
         before_m = free_m - max(weight.place_m for weight in string.weights)
         end = f"{1e3 * before_m:.0f} mm before its end" if before_m > 5e-4 else "at its end"
         found.facts.append(f"the last weight's middle is {end}; the miss is that of the end")
-    if arm.axes == 2:
-        _check_marker_ids(context, arm.planar(), found)
+    for one in (context.views or [context]) if arm.axes == 2 else []:
+        _check_marker_ids(one, arm.planar(), found)
     _, reach_m = arm.reach()
     if string.length_m > LONGEST * reach_m:
         found.facts.append(
@@ -384,7 +384,8 @@ def _problems_of_trial(context: Context, trial: TrialFolder) -> Iterator[Strandc
         fix = f"import it: {capture_command(context, trial.number)} (docs/how-to/throw-in-space.md)"
         yield _wrong("the trial was thrown, and its capture has not been imported", trial.data, fix)
     elif not supplied:
-        yield from _problems_of_video(context, trial)
+        for one in context.views or [context]:
+            yield from _problems_of_video(one, one.folder.trial(trial.number))
         yield from _problems_of_log(context, trial)
     needed = [*(files.SUPPLIED_FILES.values() if supplied else ())]
     needed += [other for one, other in LOG_FILES if one in there]
@@ -414,10 +415,11 @@ def _problems_of_log(context: Context, trial: TrialFolder) -> Iterator[Strandcas
 def _problems_of_video(context: Context, trial: TrialFolder) -> Iterator[StrandcastError]:
     if not trial.videos():
         like = [path for path in trial.raw_files() if path.suffix.lower() in video_suffixes()]
-        fix = "copy the recording there as video.mp4 (or .avi, .mkv, .mov …), or `strandcast import track`"
+        [film] = trial.films
+        fix = f"copy the recording there as {film}.mp4 (or .avi, .mkv, .mov …), or `strandcast import track`"
         if len(like) == 1:
-            fix = _rename(like[0], trial.data / f"video{like[0].suffix.lower()}")
-        yield _wrong("the trial has raw files, but no video", trial.data, fix)
+            fix = _rename(like[0], trial.data / f"{film}{like[0].suffix.lower()}")
+        yield _wrong(f"the trial has raw files, but no {film}", trial.data, fix)
         return
     camera = context.settings.camera
     try:

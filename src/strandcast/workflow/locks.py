@@ -200,7 +200,7 @@ def _is_empty(path: Path) -> bool:
 
 
 def _lease_file(root: Path, experiment: str) -> Path:
-    return ExperimentFolder(root, experiment).results / ".lease"
+    return ExperimentFolder(root, ExperimentFolder(root, experiment).experiment).results / ".lease"
 
 
 def _owner_file(path: Path) -> Path:
@@ -209,5 +209,7 @@ def _owner_file(path: Path) -> Path:
 
 def _sweep(folder: ExperimentFolder) -> None:
     """Remove temporary files of killed stages: nobody else writes results now."""
-    for found in (folder.results, *trial_folders(folder.results).values(), *folder.results.glob("cameras")):
-        remove_temporary_files(found)
+    whole = ExperimentFolder(folder.root, folder.experiment)
+    for results in (each.results for each in (whole, *whole.views())):
+        for found in (results, *trial_folders(results).values(), *results.glob("cameras")):
+            remove_temporary_files(found)

@@ -15,7 +15,7 @@ from strandcast.errors import StrandcastError, StrandcastErrors, single
 from strandcast.records.lineage import relative_to
 from strandcast.stages.context import Context
 from strandcast.stages.declarations import STAGES
-from strandcast.stages.job import Files, Job
+from strandcast.stages.job import Files
 from strandcast.stages.made import changed_files, changes_since_made
 from strandcast.stages.producers import Step, producers
 from strandcast.stages.raw_files import missing_file
@@ -120,15 +120,15 @@ def _leading_to(
 
 
 def _task(context: Context, step: Step, trials: list[int], makers: Mapping[str, Step]) -> StepState:
-    root, covered = context.folder.root, tuple(trials) if step == TARGET else ()
-    files = Files(STAGES[step.stage], Job(context, step.trial, covered))
+    root, job = context.folder.root, step.job(context, tuple(trials) if step == TARGET else ())
+    files = Files(STAGES[step.stage], job)
     inputs: list[str] = []
     problem: StrandcastError | None = None
     try:
         paths = files.all_inputs()
         inputs = [relative_to(root, path) for path in paths]
         unmade = (path for path, name in zip(paths, inputs, strict=True) if name not in makers)
-        if missing := [missing_file(context, path) for path in unmade if not path.exists()]:
+        if missing := [missing_file(job.context, path) for path in unmade if not path.exists()]:
             problem = StrandcastErrors(missing)
     except StrandcastError as error:
         problem = error

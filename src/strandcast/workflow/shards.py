@@ -10,11 +10,11 @@ import math
 from strandcast.core.trial_names import trial_name
 from strandcast.records.folders import files_of_video
 from strandcast.records.listing import size_bytes_of
-from strandcast.stages.producers import BY_CAMERA
+from strandcast.stages.producers import BY_CAMERA, JOIN
 from strandcast.workflow.targets import experiment, supplied_trials
 
 # What a throw needs before it is fitted. In the lab, the next throw depends on the fit: all is one chain.
-OF_A_THROW = (*BY_CAMERA, "score")
+OF_A_THROW = (*BY_CAMERA, JOIN, "score")
 THROWS = "throws"  # ends the names of these groups; a profile's `group-components` says how many are merged
 
 # Measured: the two Snakemakes of a job take 350 MB; stages of the demo at most 450 MB, but `track` 613 MB.
@@ -35,6 +35,7 @@ def shard_of(stage: str, name: str, trial: int = 0) -> str | None:
     """
     if experiment(name).settings.lab is not None:
         return None if stage == "summary" else name
+    name = experiment(name).folder.experiment  # a camera's jobs are of the throws of its experiment
     if stage == "calibrate":
         return None
     if stage in OF_A_THROW and trial_name(trial) not in supplied_trials().get(name, ()):

@@ -9,23 +9,24 @@ from collections.abc import Callable, Iterable, Iterator
 from functools import cache
 from pathlib import Path
 
-from strandcast.config.find import NAME as EXPERIMENT
+from strandcast.config.find import NAME
 from strandcast.core.trial_names import PREFIX, TRIAL_DIGITS, trial_digits, trial_name
 from strandcast.errors import StrandcastError
 from strandcast.records.folders import ExperimentFolder, known_experiments, own_experiments, trial_folders
 from strandcast.records.listing import file_exists
 from strandcast.records.verdict import Verdict
 from strandcast.stages import code_version, files
-from strandcast.stages.context import Context, context_of
+from strandcast.stages.context import Context, context_of_camera
 from strandcast.stages.declarations import STAGES
 from strandcast.stages.job import Files, Job, Pattern
-from strandcast.stages.producers import BY_CAMERA
+from strandcast.stages.producers import BY_CAMERA, JOIN
 
 ROOT = Path()
 DEMO = "demo"
 NEVER = "(?!)"  # the pattern that matches nothing
 TRIAL = TRIAL_DIGITS
 CAMERA = r"[a-z0-9][a-z0-9_-]{0,31}"
+EXPERIMENT = rf"{NAME}(?:/(?!{PREFIX}){CAMERA})?"  # also one of its several cameras: cable/left
 
 
 def default_experiments(root: Path = ROOT) -> list[str]:
@@ -49,16 +50,21 @@ def real_experiments() -> list[str]:
 
 
 def _is_lab(name: str) -> bool:
+    return _is_valid(name) and experiment(name).settings.lab is not None
+
+
+def _is_valid(name: str) -> bool:
     try:
-        return experiment(name).settings.lab is not None
+        experiment(name)
     except StrandcastError:
         return False
+    return True
 
 
 @cache
 def experiment(name: str, root: Path = ROOT) -> Context:
-    """Return an experiment, read once."""
-    return context_of(root, name)
+    """Return an experiment, or one of its several cameras, read once."""
+    return context_of_camera(root, name)
 
 
 def names_pattern(names: Iterable[str]) -> str:
@@ -90,6 +96,24 @@ def supplied_trials() -> dict[str, list[str]]:
     """
     there = with_files(*files.SUPPLIED_FILES.values(), experiments=known_experiments(ROOT))
     return there | {name: [f"{PREFIX}(?:{TRIAL_DIGITS})"] for name in lab_experiments(captures=True)}
+
+
+@cache
+def joined_trials() -> dict[str, list[str]]:
+    """Return the trials that several cameras filmed, by experiment; without supplied ones."""
+    supplied = supplied_trials()
+    found = {}
+    for name in real_experiments():
+        if _is_valid(name) and experiment(name).views:
+            folders = trial_folders(ROOT / "data" / name).values()
+            found[name] = [each.name for each in folders if each.name not in supplied.get(name, ())]
+    return {name: trials for name, trials in found.items() if trials}
+
+
+def filmed_elsewhere() -> dict[str, list[str]]:
+    """Return the trials whose track is of no single camera of the experiment, by experiment."""
+    both = supplied_trials(), joined_trials()
+    return {name: [trial for trials in both for trial in trials.get(name, ())] for name in both[0] | both[1]}
 
 
 def played_trials() -> dict[str, list[str]]:
@@ -209,9 +233,10 @@ def targets_of(name: str, until: str | None = None, root: Path = ROOT) -> list[s
         trials = [max(trials, default=0) + 1]  # the next motion
     found: list[str] = []
     for trial in trials or [0]:
-        job = Job(context, trial, tuple(trials))
-        made_by = "register_track" if stage in BY_CAMERA and files.supplied(job, trial) else stage
-        outputs = Files(STAGES[made_by], job).all_outputs()
+        job, of_camera = Job(context, trial, tuple(trials)), stage in (*BY_CAMERA, JOIN)
+        made_by = "register_track" if of_camera and files.supplied(job, trial) else stage
+        jobs = [Job(view, trial) for view in context.views] if made_by in (*BY_CAMERA, "calibrate") else []
+        outputs = [path for each in jobs or [job] for path in Files(STAGES[made_by], each).all_outputs()]
         if not trials and any(trial_name(0) in path.parts for path in outputs):
             raise StrandcastError(
                 "SC-W021",
@@ -230,4 +255,4 @@ def _runs(stage: str, context: Context) -> bool:
         return context.settings.lab_rehearses
     if stage in ("lab_calibrate", "lab_throw", "lab_capture") and context.settings.lab is not None:
         return (stage == "lab_capture") == context.settings.lab_captures
-    return not stage.startswith("lab_")
+    return bool(context.views) if stage == JOIN else not stage.startswith("lab_")

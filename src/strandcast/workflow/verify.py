@@ -32,8 +32,10 @@ class Finding(NamedTuple):
 def verify(root: Path, experiment: str, *, raw: bool = True) -> list[Finding]:
     """Return what is wrong with an experiment's files; with `raw`, videos and joint logs are hashed too."""
     folder = ExperimentFolder(root, experiment)
-    trials = [folder.trial(number) for number in folder.all_trials()]
-    places = [folder.results, folder.results / "cameras", *(trial.results for trial in trials)]
+    numbers, folders = folder.all_trials(), (folder, *folder.views())
+    trials = [each.trial(number) for each in folders for number in numbers]
+    places = [place for each in folders for place in (each.results, each.results / "cameras")]
+    places += [trial.results for trial in trials]
     lineages: list[Lineage] = []
     findings = [finding for place in places for finding in _verify_results(place, lineages)]
     findings += _missing(root, lineages)
@@ -42,9 +44,10 @@ def verify(root: Path, experiment: str, *, raw: bool = True) -> list[Finding]:
         finding for place in sorted(folder.motions.glob("*")) for finding in _verify_results(place, [])
     ]
     rehearsal = TrialFolder(folder.rehearsal, folder.results / folder.rehearsal.name, 0)
-    for trial in (rehearsal, *trials):
+    for trial in (rehearsal, *map(folder.trial, numbers)):
         findings += _verify_raw_records(trial)
-        findings += [*_verify_played(trial), *_verify_video(trial)] if raw else []
+        findings += _verify_played(trial) if raw else []
+    findings += [finding for trial in trials if raw for finding in _verify_video(trial)]
     return sorted(findings, key=lambda finding: ORDER.index(finding.state))
 
 

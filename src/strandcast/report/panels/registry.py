@@ -21,7 +21,7 @@ from strandcast.report.panels.quality import quality
 from strandcast.report.panels.rig_offsets import compares_arm, rig_offsets
 from strandcast.report.panels.space_views import turnable, two_views
 from strandcast.report.panels.strobe import strobe, tip_path
-from strandcast.report.panels.strobe_picture import strobe_picture
+from strandcast.report.panels.strobe_picture import camera_views, strobe_picture
 from strandcast.report.panels.throws import closest_strings, hand_paths, tip_paths
 from strandcast.report.panels.tracking import slip_panel, tracking
 from strandcast.report.panels.viewer import viewer
@@ -113,6 +113,14 @@ TRIAL_PANELS = [
         caption="Drag the figure, or use its sliders, to turn it. Blue rings: the measured markers; dashed: "
         "the fitted string; green: the string as predicted from the trials before.",
         shown=lambda page: page.results.in_space(),
+    ),
+    Panel(
+        "cameras",
+        "What each camera saw",
+        camera_views,
+        good="the same throw from every side.",
+        bad="another throw (exchanged files), or a string that one camera does not show.",
+        shown=lambda page: bool(page.results.joined()),
     ),
     Panel(
         "strobe",

@@ -16,6 +16,7 @@ from strandcast.report.panels.page_data import TrialPageData
 from strandcast.report.results import FILES, Array, TrialResults
 from strandcast.report.text import miss_in_words
 
+NOTHING = Markup("")
 CAPTURE_CAPTION = (
     "Dashed: the fitted string at the instants of the picture, with the measured points as small rings."
 )
@@ -25,8 +26,7 @@ def strobe_picture(page: TrialPageData) -> PanelContent:
     """Return the picture of the throw, with overlays if the camera is known."""
     results = page.results
     picture: bytes = results.need("strobe")
-    data = embedded(picture, FILES["strobe"], "open the file beside this page")
-    width, height = Image.open(io.BytesIO(picture), formats=["WEBP"]).size
+    width, _ = _size_px(picture)
     verdict, aimed = results.need("verdict"), results.aimed()
     frames = _instants(results)
     finding = (
@@ -42,19 +42,39 @@ def strobe_picture(page: TrialPageData) -> PanelContent:
     try:
         drawn = _overlay(results, width)
     except StrandcastError as problem:
-        drawn = Markup("")
+        drawn = NOTHING
         finding += f" Nothing is drawn over the picture: {problem.what}."
-    markup = Markup(
-        '<svg class="picture" role="img" aria-label="{}" viewBox="0 0 {} {}">'
-        '<image href="data:image/webp;base64,{}" width="{}" height="{}"/>{}</svg>'
-    ).format(f"Strobe picture of the throw. {finding}", width, height, data, width, height, drawn)
     return PanelContent(
         finding,
-        markup,
+        _drawn(picture, f"Strobe picture of the throw. {finding}", drawn),
         sources=["strobe.webp"],
         title=None if aimed else "Strobe picture",
         caption=None if aimed else CAPTURE_CAPTION,
     )
+
+
+def camera_views(page: TrialPageData) -> PanelContent:
+    """Return the picture of the throw by each of several cameras."""
+    pictures, found = Markup(""), []
+    for camera, (summary, picture) in page.results.views().items():
+        found.append(f"{camera}: {100 * summary.tracked_fraction:.0f} % of the points without a flag")
+        pictures += Markup("<h3>{}</h3>").format(camera)
+        pictures += _drawn(picture, f"Strobe picture by camera {camera}")
+    return PanelContent(f"{'; '.join(found)}.", pictures)
+
+
+def _drawn(picture: bytes, label: str, over: Markup = NOTHING) -> Markup:
+    """Return a picture, with what is drawn over it in its pixels."""
+    width, height = _size_px(picture)
+    data = embedded(picture, FILES["strobe"], "open the file beside this page")
+    return Markup(
+        '<svg class="picture" role="img" aria-label="{}" viewBox="0 0 {} {}">'
+        '<image href="data:image/webp;base64,{}" width="{}" height="{}"/>{}</svg>'
+    ).format(label, width, height, data, width, height, over)
+
+
+def _size_px(picture: bytes) -> tuple[int, int]:
+    return Image.open(io.BytesIO(picture), formats=["WEBP"]).size
 
 
 def project_px(camera: Camera, places_m: Array) -> Array:
