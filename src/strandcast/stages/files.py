@@ -12,7 +12,7 @@ from typing import Any
 
 from strandcast.config.bounded import load_toml, read_bounded
 from strandcast.errors import StrandcastError
-from strandcast.records.folders import trial_folders
+from strandcast.records.folders import VIDEO, trial_folders
 from strandcast.records.listing import entries_of, file_exists, files_matching
 from strandcast.stages.context import Context, context_of
 from strandcast.stages.job import Job, Role
@@ -184,8 +184,12 @@ def video(job: Job) -> list[Path]:
 
 
 def ingested(job: Job) -> list[Path]:
-    """Return the files of the trial's video; none if there is no video, which `ingest` then reports."""
-    return video(job) if job.is_lab or job.folder.videos() else []
+    """Return the files of the trial's video; none if there is no video, which `ingest` then reports.
+
+    One that one of several cameras has not filmed is refused.
+    """
+    of_several = job.folder.films != (VIDEO,)
+    return video(job) if job.is_lab or of_several or job.folder.videos() else []
 
 
 def other_manifests(job: Job) -> list[Path]:
