@@ -63,7 +63,7 @@ def _rows(status: Any) -> Iterator[tuple[str, ...]]:
         for state, group in groupby(trial.stages, key=lambda stage: stage.state):
             stages = list(group)
             sign, colour = SIGNS[state]
-            names = ", ".join(stage.stage for stage in stages) if state != "done" else _range(stages)
+            names = ", ".join(stage.name for stage in stages) if state != "done" else _range(stages)
             reasons = list(dict.fromkeys(_why(stages)))
             more = [f"{len(reasons) - MOST_REASONS} more"] if len(reasons) > MOST_REASONS else []
             why = "; ".join(reasons[:MOST_REASONS] + more)
@@ -72,7 +72,7 @@ def _rows(status: Any) -> Iterator[tuple[str, ...]]:
 
 
 def _range(stages: list[Any]) -> str:
-    first, last = stages[0].stage, stages[-1].stage
+    first, last = stages[0].name, stages[-1].name
     return first if first == last else f"{first} … {last}"
 
 

@@ -5,7 +5,7 @@ It starts nothing and changes nothing. What it calls stale is what `strandcast r
 
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal
 
@@ -41,6 +41,8 @@ class StageStatus:
         The code of the error with which it failed, if it has one.
     runs
         Whether `strandcast run` runs it now, as far as no other stage fails before it.
+    view
+        Of several cameras, the name of the one that it is of, with the experiment's: ``cable/left``.
     """
 
     stage: str
@@ -49,6 +51,16 @@ class StageStatus:
     after: str | None = None
     code: str | None = None
     runs: bool = False
+    view: str = ""
+
+    @property
+    def name(self) -> str:
+        """Return the stage, of one of several cameras with the camera."""
+        return f"{self.stage} ({self.view.partition('/')[2]})" if self.view else self.stage
+
+    def step(self, trial: int) -> Step:
+        """Return the step of a trial that it is the state of."""
+        return Step(self.stage, trial, self.view)
 
 
 @dataclass(frozen=True)
@@ -152,7 +164,7 @@ def _trial(
     steps = [step for step in steps_of(context, number) if step in tasks or excluded is None]
     if number > max((step.trial for step in tasks if step.stage == "report"), default=0):
         steps = [step for step in steps if step in tasks]  # only its motion is asked for
-    stages = [_stage(context, step, tasks.get(step), faults) for step in steps]
+    stages = [replace(_stage(context, step, tasks.get(step), faults), view=step.view) for step in steps]
     if excluded is not None:
         stages.insert(0, StageStatus("trial", "excluded", [excluded]))
     return TrialStatus(number, throw_of(context, number) if number else None, stages)
@@ -227,11 +239,11 @@ def _next_steps(context: Context, trials: list[TrialStatus], damaged: list[Findi
     failed = [(number, stage) for number, stage in found if stage.state == "failed"]
     if failed:
         number, stage = failed[0]
-        yield f"# correct this first: {Step(stage.stage, number)}, {stage.code or ''} {stage.why[0]}"
+        yield f"# correct this first: {stage.step(number)}, {stage.code or ''} {stage.why[0]}"
     if any(stage.runs for _, stage in found):
         yield f"strandcast run {name}"
         return
-    unmade = [Step(stage.stage, number) for number, stage in found if stage.state == "missing"]
+    unmade = [stage.step(number) for number, stage in found if stage.state == "missing"]
     yield from (step.command(name) for step in unmade)  # no result needs them: a run leaves them out
     if any(step.trial for step in unmade):
         return
