@@ -78,6 +78,17 @@ def test_of_several_cameras_each_has_its_photos_and_all_see_the_same(tmp_path):
     assert (top.lens, top.plane_photo) == ("calibration/top/lens-*.png", "calibration/top/plane.png")
     assert (top.board, top.string_offset_m, top.exposure_s) == (side.board, 0.01, None)
     assert load(tmp_path, TWO).camera.lens == LENS
+    assert "plane_photo" not in side.model_fields_set
+    named = load(tmp_path, TWO + "  top: {plane_photo: top.png}\n").cameras["top"]
+    assert (named.plane_photo, named.model_fields_set >= {"plane_photo", "board"}) == ("top.png", True)
+
+
+def test_what_is_wrong_in_the_first_camera_is_reported_once(tmp_path):
+    wrong = TWO.replace("squares_x: 9", "squares: 9") + "  top: {}\n  left: {board: {squares: 9}}\n"
+    assert [each.field for each in problems(tmp_path, wrong)] == [
+        "cameras.side.board.squares",
+        "cameras.left.board.squares",
+    ]
 
 
 @pytest.mark.parametrize(
@@ -87,6 +98,7 @@ def test_of_several_cameras_each_has_its_photos_and_all_see_the_same(tmp_path):
         ("  top: {}\ntarget_m: [0.5, 0.5]\nlab: {}\n", "cameras"),
         ("  top: {}\ntrack: {background_picture: empty.png}\n", "track.background_picture"),
         ("  logs: {}\n", "cameras.logs"),
+        ("  video: {}\n", "cameras.video"),
         ("  trial-01: {}\n", "cameras.trial-01"),
         ("  top: {exposure: 1}\n", "cameras.top.exposure"),
     ],

@@ -11,7 +11,7 @@ from pathlib import Path
 from snakemake.persistence import PersistenceBase
 
 from strandcast.errors import StrandcastError
-from strandcast.records.folders import WITHIN_WORKFLOW
+from strandcast.records.folders import WITHIN_WORKFLOW, parted
 from strandcast.stages.code_version import code_version
 from strandcast.workflow import by_content, locks, shards, slurm
 from strandcast.workflow import stage_server, storage, targets
@@ -166,7 +166,7 @@ def take_leases():
     locks.hold_until_exit(
         Path(),
         {
-            job.wildcards.experiment.partition("/")[0]
+            parted(job.wildcards.experiment)[0]
             for job in workflow.dag.needrun_jobs()
             if "experiment" in job.wildcards.keys()
         },
@@ -208,5 +208,5 @@ FILMED_IN_LAB = targets.names_pattern(targets.lab_experiments(captures=False))
 CAPTURED_IN_LAB = targets.names_pattern(targets.lab_experiments(captures=True))
 RECORDED_EXPERIMENTS = targets.other_names_pattern(targets.lab_experiments())
 SUPPLIED, PLAYED = targets.supplied_trials(), targets.played_trials()
-JOINED, ELSEWHERE = targets.joined_trials(), targets.filmed_elsewhere()
+JOINED, IN_SPACE_OR_SUPPLIED = targets.joined_trials(), targets.joined_or_supplied_trials()
 THROWN = targets.thrown_trials()

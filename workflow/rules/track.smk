@@ -13,7 +13,7 @@ rule track:
     log:
         "results/{experiment}/trial-{trial}/logs/track.log",
     wildcard_constraints:
-        experiment=targets.experiment_pattern(ELSEWHERE, other=True),
+        experiment=targets.experiment_pattern(IN_SPACE_OR_SUPPLIED, other=True),
     group:
         shard_of("track")
     resources:

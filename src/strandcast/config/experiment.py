@@ -27,10 +27,10 @@ from strandcast.core.objectives import OBJECTIVES, AnyObjective, Objective, Poin
 from strandcast.core.quantities import Position, Trial
 from strandcast.core.section import Section
 from strandcast.core.trial_names import PREFIX
-from strandcast.errors import StrandcastError
 
 HELD_OUT = "held out"  # why a trial does not count
-TAKEN = ("cameras", "logs", "made", "motions", "rehearsal", "boards", "predictions")  # folders of results
+# Folders of results, and the name of a single camera's films.
+TAKEN = ("boards", "cameras", "logs", "made", "motions", "predictions", "rehearsal", "sitting", "video")
 
 
 class Exclusion(Section):
@@ -192,7 +192,7 @@ class Experiment(Section):
             what = "several cameras do not see the same background"
             yield Conflict(what, "track.background_picture", "leave it out: it is learned from each film")
         if taken := [name for name in self.cameras if name in TAKEN or name.startswith(PREFIX)]:
-            what = f"a folder of results is named {taken[0]} already"
+            what = f"{taken[0]} has another meaning in the folders"
             yield Conflict(what, f"cameras.{taken[0]}", "give this camera another name, e.g. left")
 
     def _conflicts_in_space(self) -> Iterator[Conflict]:
@@ -255,18 +255,9 @@ class Experiment(Section):
 
     @property
     def camera_name(self) -> str:
-        """Return the name of the one camera.
-
-        Raises
-        ------
-        StrandcastError
-            SC-F003 there are several, each with a name of its own for commands.
-        """
-        if len(self.cameras) > 1:
-            what = f"there are several cameras: {', '.join(self.cameras)}"
-            fix = f"name the camera after the experiment: EXPERIMENT/{next(iter(self.cameras))}"
-            raise StrandcastError("SC-F003", what, field="cameras", fix=fix)
-        return next(iter(self.cameras))
+        """Return the name of the one camera; of several, each has settings of its own (`Context.views`)."""
+        [name] = self.cameras
+        return name
 
     @property
     def camera(self) -> CameraSettings:

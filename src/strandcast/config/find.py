@@ -9,7 +9,7 @@ from pathlib import Path
 
 from strandcast.config.experiment import Experiment
 from strandcast.errors import StrandcastError
-from strandcast.records.folders import known_experiments
+from strandcast.records.folders import known_experiments, parted
 
 NO_PROJECT = "change to a project's folder, or make one: strandcast new FOLDER"
 # results/paper and results/paper-quick are not experiments: they hold the summaries of many.
@@ -53,8 +53,8 @@ def _renaming(name: str, root: Path) -> str:
         return "rename its folder: " + shlex.join(
             ["mv", str(folder), str(folder.with_name(_valid_name(name)))]
         )
-    experiment, is_camera, _ = name.partition(os.sep)
-    if is_camera and re.fullmatch(NAME, experiment):
+    experiment, camera = parted(name)
+    if camera and experiment in known_experiments(root):
         return f"give the experiment's name without a camera's: {experiment}"
     taken = "; `paper` and `paper-quick` are taken" if name.startswith("paper") else ""
     return f"use up to 64 lower-case letters, digits and hyphens, e.g. `string-1`{taken}"

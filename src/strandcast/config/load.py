@@ -19,6 +19,7 @@ from strandcast.errors import StrandcastError, StrandcastErrors
 
 log = logging.getLogger(__name__)
 MOST_PROBLEMS = 50  # reported at once; chosen
+PHOTOS = {"lens": Path(LENS), "plane_photo": Path(PLANE_PHOTO)}
 SEEN_BY_ALL = ("board", "plane", "string_offset_m")  # the first camera's hold for the others too
 
 
@@ -43,17 +44,30 @@ def load_experiment(path: str | Path, text: str | None = None) -> Experiment:
         log.warning("%s:%d: %s (`strandcast check --fix` does it)", path, change.line + 1, change.what)
     try:
         # JSON in strict mode: no "0.3" for 0.3, no true for 1, but a list may stand for a pair.
-        return Experiment.model_validate_json(
+        experiment = Experiment.model_validate_json(
             json.dumps(with_method(_with_cameras(_with_target(_plain(data)))), default=str), strict=True
         )
     except ValidationError as error:
-        found = one_per_place(data, error.errors())
+        found = one_per_place(data, [each for each in error.errors() if not _is_inherited(data, each["loc"])])
         raise StrandcastErrors(
             [problem(path, data, place, detail) for place, detail in found[:MOST_PROBLEMS]]
         ) from None
     except StrandcastError as error:
         error.file, error.line = str(path), line_of(data, (str(error.field),))
         raise
+    for name, camera in experiment.cameras.items():
+        if len(experiment.cameras) > 1:  # what they have by default was not given
+            camera.model_fields_set.difference_update({*PHOTOS} - {*(data["cameras"][name] or {})})
+    return experiment
+
+
+def _is_inherited(data: CommentedMap, loc: tuple[int | str, ...]) -> bool:
+    """Return whether an error is in what a camera has from the first one, where it is reported too."""
+    match loc:
+        case ("cameras", name, part, *_) if part in SEEN_BY_ALL and isinstance(data.get("cameras"), dict):
+            given = data["cameras"].get(name)
+            return name != next(iter(data["cameras"])) and isinstance(given, dict) and part not in given
+    return False
 
 
 def _with_target(data: dict[str, Any]) -> dict[str, Any]:
@@ -85,8 +99,7 @@ def _with_cameras(data: dict[str, Any]) -> dict[str, Any]:
     shared = {name: first[name] for name in SEEN_BY_ALL if name in first}
     for name, camera in cameras.items():
         if len(given) > 1:
-            own = {"lens": Path(LENS), "plane_photo": Path(PLANE_PHOTO)}
-            photos = {setting: str(path.parent / name / path.name) for setting, path in own.items()}
+            photos = {of: str(path.parent / name / path.name) for of, path in PHOTOS.items()}
             given[name] = camera = photos | shared | camera
         board, plane = (camera.get(part) for part in ("board", "plane"))
         if isinstance(board, dict) and isinstance(plane, dict) and isinstance(plane.get("board"), dict):

@@ -23,7 +23,7 @@ from strandcast.errors import StrandcastError
 from strandcast.exports.throw import refuse_filled
 from strandcast.packages import optional_package
 from strandcast.records.files import atomic_write, check_room, sha256_file, write_bytes
-from strandcast.records.folders import files_of_video
+from strandcast.records.folders import files_of_video, parted
 from strandcast.records.lineage import relative_to
 from strandcast.records.summary import VersionGroup, group_by_versions
 from strandcast.records.verdict import Verdict
@@ -69,7 +69,7 @@ class _StageRun:
 
     def named(self, between: str, trial: str) -> str:
         """Return its name: the stage, the camera if there are several, the trial if it is of one."""
-        _, _, camera = self.job.context.name.partition("/")
+        _, camera = parted(self.job.context.name)
         trial = trial.format(self.job.trial) if self.job.trial else ""
         return between.join(part for part in (self.stage, camera, trial) if part)
 
@@ -164,7 +164,7 @@ def _stage_runs(experiment: ExperimentView) -> list[_StageRun]:
 def _recorded(experiment: ExperimentView) -> Iterator[tuple[Context, Path]]:
     """Yield the files with a lineage, of the experiment and of each of several cameras."""
     whole = experiment.context
-    for context in (whole, *whole.views):
+    for context in (whole, *whole.views.values()):
         folder = context.folder
         places = [folder.results, folder.results / "cameras"]
         places += [folder.trial(number).results for number in experiment.trials]

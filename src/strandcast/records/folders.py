@@ -46,6 +46,12 @@ def project_root() -> Path:
     return Path(os.path.relpath(above[0], here)) if above else Path()
 
 
+def parted(name: str) -> tuple[str, str]:
+    """Return the names of experiment and camera, `cable` and `left` of ``cable/left``; empty: no camera's."""
+    experiment, _, camera = name.partition("/")
+    return experiment, camera
+
+
 @dataclass(frozen=True)
 class ExperimentFolder:
     """The folders of one experiment under the project's root, or of one of its cameras: ``cable/left``.
@@ -60,7 +66,7 @@ class ExperimentFolder:
     @property
     def experiment(self) -> str:
         """Return the experiment's name, without a camera's."""
-        return self.name.partition("/")[0]
+        return parted(self.name)[0]
 
     @cached_property  # the engine asks for each file of each trial
     def data(self) -> Path:
@@ -85,11 +91,6 @@ class ExperimentFolder:
     def camera(self, name: str) -> Path:
         """Return the record of a camera."""
         return self.results / "cameras" / f"{name}.json"
-
-    def views(self) -> list[ExperimentFolder]:
-        """Return the folders of its several cameras, as far as they have results."""
-        found = sorted(path.parent.name for path in self.results.glob("*/cameras"))
-        return [ExperimentFolder(self.root, f"{self.name}/{camera}", (camera,)) for camera in found]
 
     def trial(self, number: int) -> TrialFolder:
         """Return the folders of one trial."""
@@ -171,7 +172,7 @@ class TrialFolder:
         )
 
     def videos(self) -> list[Path]:
-        """Return the videos among the raw files, each a file or a folder of pictures; one a film is right."""
+        """Return the videos among the raw files, each a file or a folder of pictures: one for each film."""
         return [video for film in self.films for video in self._videos_named(film)]
 
     def _videos_named(self, film: str) -> list[Path]:

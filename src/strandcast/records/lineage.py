@@ -16,6 +16,7 @@ from typing import Any, NamedTuple, Self
 from strandcast.core.trial_names import trial_number
 from strandcast.errors import INTEGRITY, StrandcastError
 from strandcast.records.files import absolute, content_sha256, sha256_file
+from strandcast.records.folders import parted
 from strandcast.records.known_hashes import content_sha256_of
 
 KEPT_MOTIONS = "motions"  # the folder of `kept_motions`
@@ -36,7 +37,7 @@ class Place(NamedTuple):
     @property
     def run(self) -> str:
         """Return the command that makes its results: with a camera, those of the whole experiment."""
-        return f"strandcast run {self.experiment.partition('/')[0]}"
+        return f"strandcast run {parted(self.experiment)[0]}"
 
 
 @dataclass(frozen=True)

@@ -121,7 +121,7 @@ class TrialResults:
         return FILES[name]
 
     def supplied(self) -> bool:
-        """Return whether the track was measured elsewhere and imported."""
+        """Return whether the track is of no single camera: it was imported, or joined from several."""
         summary = self.get("track_summary")
         return summary is not None and summary.source == "supplied"
 

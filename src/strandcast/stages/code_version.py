@@ -32,7 +32,9 @@ def settings_at(experiment: Experiment, *paths: str) -> str:
 
 
 def _at(values: Any, parts: list[str]) -> Any:
-    """Return the value at a path; `*` stands for every key, as of the cameras."""
+    """Return the value at a path; `*` stands for every key, as of the cameras, and `#` for their order."""
+    if parts == ["#"]:
+        return list(values)
     if not parts or values is None:  # a real experiment has no lab
         return values
     if parts[0] == "*":

@@ -14,7 +14,7 @@ from strandcast.config.find import find_arm, find_experiment
 from strandcast.config.load import load_experiment
 from strandcast.core.strings import PARAMETERS, SPATIAL_RANGES
 from strandcast.errors import StrandcastError
-from strandcast.records.folders import VIDEO, ExperimentFolder
+from strandcast.records.folders import VIDEO, ExperimentFolder, parted
 from strandcast.records.manifest import Manifest
 
 
@@ -33,10 +33,15 @@ class Context:
         return find_arm(self.settings, self.file, self.folder.root)
 
     @cached_property
-    def views(self) -> list["Context"]:
-        """Return each of several cameras as an experiment with one, with its own folder of results."""
+    def views(self) -> dict[str, "Context"]:
+        """Return each of several cameras, by name, as an experiment of one camera with results of its own."""
         cameras = self.settings.cameras
-        return [self._view(name) for name in cameras] if len(cameras) > 1 else []
+        return {name: self._view(name) for name in cameras} if len(cameras) > 1 else {}
+
+    @property
+    def by_camera(self) -> list["Context"]:
+        """Return an experiment of one camera for each camera: itself, where it has one."""
+        return [*self.views.values()] or [self]
 
     def _view(self, camera: str) -> "Context":
         one = self.settings.model_copy(update={"cameras": {camera: self.settings.cameras[camera]}})
@@ -67,7 +72,7 @@ def context_of(root: Path, name: str) -> Context:
     return Context(name, settings, file, ExperimentFolder(root, name, films))
 
 
-def context_of_camera(root: Path, name: str) -> Context:
+def context_named(root: Path, name: str) -> Context:
     """Find and read an experiment, or one of its several cameras: ``cable/left``.
 
     Raises
@@ -75,13 +80,30 @@ def context_of_camera(root: Path, name: str) -> Context:
     StrandcastError
         SC-F003 the experiment has no such camera.
     """
-    experiment, is_view, _ = name.partition("/")
+    experiment, camera = parted(name)
     whole = context_of(root, experiment)
-    views = {view.name: view for view in whole.views}
-    if is_view and name not in views:
-        what, known = f"{name!r} is no camera of {experiment}", ", ".join(views or [experiment])
-        raise StrandcastError("SC-F003", what, file=whole.file, field="cameras", fix=f"name one of {known}")
-    return views[name] if is_view else whole
+    if camera and camera not in whole.views:
+        raise _asking_for_camera(whole, f"{name!r} is none of its cameras")
+    return whole.views[camera] if camera else whole
+
+
+def context_of_camera(root: Path, name: str) -> Context:
+    """Find and read an experiment of one camera, or one of several cameras: ``cable/left``.
+
+    Raises
+    ------
+    StrandcastError
+        SC-F003 the name leaves open which camera is meant.
+    """
+    context = context_named(root, name)
+    if context.views:
+        raise _asking_for_camera(context, f"{name} has several cameras")
+    return context
+
+
+def _asking_for_camera(whole: Context, what: str) -> StrandcastError:
+    known = ", ".join(each.name for each in whole.by_camera)
+    return StrandcastError("SC-F003", what, file=whole.file, field="cameras", fix=f"name one of {known}")
 
 
 @contextmanager

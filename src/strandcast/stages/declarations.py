@@ -178,11 +178,12 @@ _DECLARED = (
             "observations": files.of_views(results(this, "observations.parquet")),
             "summaries": files.of_views(results(this, "track.json")),
             "alignments": files.of_views(results(this, "alignment.json")),
+            "manifests": files.of_views(results(this, "manifest.json")),
             "cameras": files.cameras,
             "boards": files.shared_boards,
         },
         outputs={role: TRIAL + name for role, name in SUPPLIED_FILES.items()},
-        settings=("string.length_m", "string.points", "cameras.*.board"),
+        settings=("cameras.#", "cameras.*.board"),
     ),
     Stage(
         "register_track",

@@ -65,23 +65,21 @@ def results(scope: Scope, *names: str) -> Role:
 
 def cameras(job: Job) -> list[Path]:
     """Return the records of the experiment's cameras."""
-    contexts = job.context.views or [job.context]
-    return [one.folder.camera(name) for one in contexts for name in one.settings.cameras]
+    return [one.folder.camera(one.settings.camera_name) for one in job.context.by_camera]
 
 
 def filming(job: Job) -> list[Path]:
-    """Return the record of the camera that filmed a trial in the plane; none where its track is no film's."""
-    return cameras(job) if filmed(job, job.trial) else []
+    """Return the record of the one camera whose track a trial has; none where there is no such camera."""
+    return cameras(job) if by_one_camera(job, job.trial) else []
 
 
 def of_views(find: Role) -> Role:
     """Return the role of the files of each of several cameras."""
-    return lambda job: [path for view in job.context.views for path in find(Job(view, job.trial))]
+    return lambda job: [path for view in job.context.views.values() for path in find(Job(view, job.trial))]
 
 
-def strobes(job: Job) -> list[Path]:
-    """Return the picture of a throw by each of several cameras, with the record that vouches for it."""
-    return of_views(results(this, "track.json", "strobe.webp"))(job)
+# The picture of a throw by each of several cameras, with the record that vouches for it.
+strobes = of_views(results(this, "track.json", "strobe.webp"))
 
 
 def shared_boards(job: Job) -> list[Path]:
@@ -184,9 +182,10 @@ def video(job: Job) -> list[Path]:
 
 
 def ingested(job: Job) -> list[Path]:
-    """Return the files of the trial's video; none if there is no video, which `ingest` then reports.
+    """Return the files of the trial's video.
 
-    One that one of several cameras has not filmed is refused.
+    There are none if there is no video, which `ingest` then reports; if one of several cameras has none, an
+    error is raised.
     """
     of_several = job.folder.films != (VIDEO,)
     return video(job) if job.is_lab or of_several or job.folder.videos() else []
@@ -314,7 +313,7 @@ def supplied(job: Job, trial: int) -> bool:
     return job.context.settings.lab_captures or all(there) or (there[0] and not folder.videos())
 
 
-def filmed(job: Job, trial: int) -> bool:
+def by_one_camera(job: Job, trial: int) -> bool:
     """Return whether a trial's track is of one camera, in the plane."""
     return not (job.context.views or supplied(job, trial))
 

@@ -20,6 +20,7 @@ from strandcast.stages.context import (
     refuse_replacing,
 )
 from strandcast.stages.past_trials import smooth_joints
+from strandcast.stages.trials_in_space import length_in_space_m
 
 
 def run(
@@ -36,14 +37,15 @@ def run(
     `offset_s` is the robot's time less the capture's, of a throw in space.
     """
     context = context_of(root, name)
-    string, folder = context.settings.string, context.folder.trial(trial)
+    folder = context.folder.trial(trial)
     refuse_replacing(folder.data / "track.json", replace)
     refuse_other_target(context, mapping.in_space)
-    known = CapturedTrial(name, trial, string.length_m, string.n, offset_s=offset_s)
+    known = CapturedTrial(
+        name, trial, length_in_space_m(context), context.settings.string.n, offset_s=offset_s
+    )
     with threadpool_limits(1):  # as the stages: the last digits must not depend on the number of cores
         if context.settings.aims_in_space:
-            length_m, thrown = _thrown(context, trial)
-            known = known._replace(length_m=length_m, thrown=thrown)
+            known = known._replace(thrown=_thrown(context, trial))
         elif not mapping.in_space:
             arm = load_arm(context.arm_file).planar()
             length_m, aimed = free_length_m(context, arm.clamp.clamped_length_m), context.settings.target_m
@@ -51,8 +53,8 @@ def run(
         return import_capture(capture, folder.data, mapping, known)
 
 
-def _thrown(context: Context, trial: int) -> tuple[float, ThrownBy]:
-    """Return the free length of a thrown string [m], and the hand's path by the joint log."""
+def _thrown(context: Context, trial: int) -> ThrownBy:
+    """Return the hand's path of a throw in space, by the joint log."""
     arm = arm_of(context)
     folder = context.folder.trial(trial).data
     record, command = folder / "run.json", f"strandcast import joints {context.name} {trial} LOG"
@@ -72,4 +74,4 @@ def _thrown(context: Context, trial: int) -> tuple[float, ThrownBy]:
     motion_s = played.motion_start_s, played.motion_end_s
     time_s, q_rad = smooth_joints(log, arm.joints, motion_s)
     poses = arm.hand_path(q_rad)
-    return free_length_m(context, arm.clamp.clamped_length_m), ThrownBy(time_s, poses, motion_s)
+    return ThrownBy(time_s, poses, motion_s)

@@ -38,7 +38,9 @@ def run(job: Job, files: Files) -> None:
             cost="the fit would be made for another motion",
             exit_code=INTEGRITY,
         )
-    warnings = warnings_of(video, log) + _log_warnings(log) + _foreign(played, context.name, job.trial)
+    warnings = (
+        warnings_of(video, log) + _log_warnings(log) + _foreign(played, context.folder.experiment, job.trial)
+    )
     others = job.folder.other_films() if job.folder.films == (VIDEO,) else []  # else of other cameras
     if others:
         warnings.append(f"{', '.join(others)} not read, only {path.name}: join the parts of a throw's film")

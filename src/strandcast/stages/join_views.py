@@ -1,6 +1,7 @@
 """What several cameras saw of a throw, each with its own clock, to a track in space."""
 
 from collections import defaultdict
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -15,6 +16,7 @@ from strandcast.imports.track_checks import check_track, paths_of
 from strandcast.reconstruction.views import SpaceReconstruction, StringView, reconstruct_in_space
 from strandcast.records.alignment import HAND, Alignment, EndPath, end_columns
 from strandcast.records.camera import Camera
+from strandcast.records.manifest import Manifest
 from strandcast.records.observations import read_observations
 from strandcast.records.tables import write_table
 from strandcast.records.track import SUPPLIED, TRACK, Track, TrackSummary
@@ -39,9 +41,8 @@ def run(job: Job, files: Files) -> None:
     summary = supplied_summary(track, known, [*range(1, points + 1)])
     summary.choices = {"ends_px": found.ends_px, "ends_sigma": found.ends_sigma}
     summary.cameras = list(job.context.settings.cameras)
-    by_camera = zip(summary.cameras, summaries, strict=True)
-    of_views = [f"{camera}: {text}" for camera, seen in by_camera for text in seen.warnings]
-    summary.warnings = [*found.warnings, *warnings, *of_views]
+    summary.warnings = [*found.warnings, *warnings, *_warnings_of_views(seen, summaries, files)]
+    summary.faults = [fault for each in summaries for fault in each.faults]
     # All cameras see the same end; what only one of them doubts, as a plane, two of them measure.
     summary.tip_sigma_m = min(each.tip_sigma_m for each in summaries)
     hand_m = track.points_m[:, 0]
@@ -70,6 +71,14 @@ def _views(job: Job, files: Files) -> list[StringView]:
         StringView(name, read_observations(pixels)[name].string, Camera.read(record), Alignment.read(clock))
         for name, pixels, record, clock in zip(names, *inputs, strict=True)
     ]
+
+
+def _warnings_of_views(views: list[StringView], summaries: list[TrackSummary], files: Files) -> Iterator[str]:
+    """Yield the warnings of the cameras' records, each with the camera's name."""
+    manifests = [Manifest.read(path) for path in files.inputs("manifests")]
+    for view, summary, manifest in zip(views, summaries, manifests, strict=True):
+        records = (manifest, view.camera, view.camera.lens, summary, view.clock)
+        yield from (f"{view.name}: {text}" for record in records for text in record.warnings)
 
 
 def _placed_by_boards(job: Job, files: Files, views: list[StringView]) -> tuple[list[StringView], list[str]]:

@@ -30,7 +30,7 @@ def shown(scope: Scope) -> Role:
 
 def _shown_of(job: Job, trial: int) -> list[Path]:
     context = job.context
-    by_camera = files.filmed(job, trial)
+    by_camera = files.by_one_camera(job, trial)
     names = [*MEASURED_FILES, *(BY_CAMERA if by_camera else [])]
     names += [] if trial in context.settings.held_out else FITTED_FILES
     names += ["lab_truth.parquet"] if job.is_lab else []

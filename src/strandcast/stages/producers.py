@@ -20,21 +20,22 @@ class Step(NamedTuple):
 
     stage: str
     trial: int = 0
-    view: str = ""  # of an experiment with several cameras, the name of its one: cable/left
+    camera: str = ""  # its name, where the experiment has several
 
     def __str__(self) -> str:
-        of = [self.view] * bool(self.view) + [f"trial {self.trial}"] * bool(self.trial)
-        return f"{self.stage} of {', '.join(of)}" if of else self.stage
+        trial = f"trial {self.trial}" if self.trial else ""
+        of = ", ".join(part for part in (trial, self.camera) if part)
+        return f"{self.stage} of {of}" if of else self.stage
 
     def command(self, experiment: str) -> str:
         """Return the command that runs it alone."""
         name = ("" if self.stage in CALLED_BY_NAME else "stage ") + self.stage.replace("_", "-")
-        return f"strandcast {name} {self.view or experiment}" + (f" {self.trial}" if self.trial else "")
+        of = f"{experiment}/{self.camera}" if self.camera else experiment
+        return f"strandcast {name} {of}" + (f" {self.trial}" if self.trial else "")
 
     def job(self, context: Context, trials: tuple[int, ...] = ()) -> Job:
         """Return its job, of the experiment or of its camera."""
-        one = next((view for view in context.views if view.name == self.view), context)
-        return Job(one, self.trial, trials)
+        return Job(context.views[self.camera] if self.camera else context, self.trial, trials)
 
 
 def steps_of(context: Context, trial: int) -> list[Step]:
@@ -63,8 +64,7 @@ def steps_of(context: Context, trial: int) -> list[Step]:
 
 def _by_camera(context: Context, stages: Iterable[str], trial: int = 0) -> list[Step]:
     """Return some stages of each camera."""
-    views = [view.name for view in context.views] or [""]
-    return [Step(stage, trial, view) for view in views for stage in stages]
+    return [Step(stage, trial, camera) for camera in context.views or [""] for stage in stages]
 
 
 def lab_throw(context: Context) -> str:

@@ -4,33 +4,36 @@ import shlex
 from pathlib import Path
 
 from strandcast.errors import StrandcastError
+from strandcast.records.folders import parted
 from strandcast.records.listing import entries_of
 from strandcast.stages.context import Context
 
 LENS_MISSING = {
-    "photos": ("SC-C030", "camera.lens", "photo or video of the lens board"),
-    "video": ("SC-C030", "camera.lens", "video of the lens board"),
-    "file": ("SC-C050", "camera.lens", "file of the lens"),
+    "photos": ("SC-C030", "lens", "photo or video of the lens board"),
+    "video": ("SC-C030", "lens", "video of the lens board"),
+    "file": ("SC-C050", "lens", "file of the lens"),
 }
 MOST_NAMED = 12  # files beside a missing one
 
 
 def missing_file(context: Context, path: Path) -> StrandcastError:
     """Return the problem of a raw file that is not there, with the setting that names it if there is one."""
-    name = shlex.quote(context.name)
+    experiment, camera = parted(context.name)
+    of_camera = f"cameras.{camera}" if camera else "camera"
     photos = (
-        "if it is there under another name, rename it or set camera.lens; otherwise take 10 photos of "
-        f"it (strandcast boards {name} prints it), all over the picture; motion capture needs none "
-        "(strandcast import track)"
+        f"if it is there under another name, rename it or set {of_camera}.lens; otherwise take 10 photos of "
+        f"it (strandcast boards {shlex.quote(experiment)} prints it), all over the picture; motion capture "
+        "needs none (strandcast import track)"
     )
     background, setting = context.settings.track.background_picture, "track.background_picture"
     named: list[tuple[str | None, str, str, str, str | None]] = [
         (background, "SC-T030", setting, "picture", None)
     ]
-    for camera in context.settings.cameras.values():
-        fix = photos if camera.lens_kind == "photos" else None
-        named.append((camera.lens, *LENS_MISSING[camera.lens_kind], fix))
-        named.append((camera.plane_photo, "SC-C031", "camera.plane_photo", "photo of the plane", None))
+    for each in context.settings.cameras.values():
+        code, field, what = LENS_MISSING[each.lens_kind]
+        fix = photos if each.lens_kind == "photos" else None
+        named.append((each.lens, code, f"{of_camera}.{field}", what, fix))
+        named.append((each.plane_photo, "SC-C031", f"{of_camera}.plane_photo", "photo of the plane", None))
     for given, code, setting, what, fix in named:
         if given is not None and path == context.folder.data / given:
             beside = ", ".join(sorted(each.name for each in entries_of(path.parent))[:MOST_NAMED])

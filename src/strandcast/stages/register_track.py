@@ -22,6 +22,7 @@ def run(job: Job, files: Files) -> None:
         raise StrandcastError("SC-R021", what, file=files.input("summary"), field="points", fix=fix)
     found = check_length(summary.length_m, job.context.settings.string.length_m, files.input("summary"))
     found += check_supplied(files.input("track"), files.input("hand"), alignment, summary)
+    summary.cameras = []  # also of a track that was joined elsewhere: its cameras are not this experiment's
     summary.warnings += [warning for warning in found if warning not in summary.warnings]
     write_arrow(files.output("track"), track)
     write_arrow(files.output("hand"), read_arrow(files.input("hand"), HAND))

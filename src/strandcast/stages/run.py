@@ -26,15 +26,10 @@ def files_of(stage: str, root: Path, experiment: str, trial: int = 0, trials: Se
     Raises
     ------
     StrandcastError
-        SC-F003 the stage works on one camera, and the experiment has several; their names are as in
-        `context_of_camera`.
+        As `context_of_camera`, for stages of one camera.
     """
-    if stage in (*BY_CAMERA, "calibrate"):
-        context = context_of_camera(root, experiment)
-        context.settings.camera_name  # noqa: B018  (refuses several)
-    else:
-        context = context_of(root, experiment)
-    return Files(STAGES[stage], Job(context, trial, tuple(trials)))
+    of = context_of_camera if stage in (*BY_CAMERA, "calibrate") else context_of
+    return Files(STAGES[stage], Job(of(root, experiment), trial, tuple(trials)))
 
 
 def run_stage(stage: str, root: Path, experiment: str, trial: int = 0, trials: Sequence[int] = ()) -> None:

@@ -113,7 +113,7 @@ def series_of(files: Files, trial: Trial) -> dict[str, CableSeries]:
 
 def length_in_space_m(context: Context) -> float:
     """Return the present length of the free string [m]."""
-    clamped = context.settings.aims_in_space or context.views  # else it is captured, without an arm
+    clamped = context.settings.aims_in_space or context.views  # else the capture begins at a body
     return free_length_m(context, arm_of(context).clamp.clamped_length_m if clamped else 0.0)
 
 

@@ -10,7 +10,7 @@ from strandcast.config.find import overlooked_experiments
 from strandcast.core.trial_names import TRIAL_NAMES, trial_number
 from strandcast.errors import StrandcastError, StrandcastErrors, single
 from strandcast.records.camera import Camera
-from strandcast.records.folders import TrialFolder, video_suffixes
+from strandcast.records.folders import VIDEO, TrialFolder, parted, video_suffixes
 from strandcast.records.verified import READERS
 from strandcast.stages import files
 from strandcast.stages.context import (
@@ -155,7 +155,7 @@ def _check_all(root: Path, name: str, found: Checked) -> None:
     found.attempt(files.known_string, Job(context, 1))
     _compare_radii(context, found)
     if context.settings.lab is None:
-        for one in context.views or ([] if context.settings.aims_in_space else [context]):
+        for one in [] if context.settings.aims_in_space else context.by_camera:
             found.attempt(_check_photos, one, found)
         _check_folders(context, found)
 
@@ -195,7 +195,7 @@ def _check_arm(context: Context, found: Checked) -> None:
         before_m = free_m - max(weight.place_m for weight in string.weights)
         end = f"{1e3 * before_m:.0f} mm before its end" if before_m > 5e-4 else "at its end"
         found.facts.append(f"the last weight's middle is {end}; the miss is that of the end")
-    for one in (context.views or [context]) if arm.axes == 2 else []:
+    for one in context.by_camera if arm.axes == 2 else []:
         _check_marker_ids(one, arm.planar(), found)
     _, reach_m = arm.reach()
     if string.length_m > LONGEST * reach_m:
@@ -330,6 +330,8 @@ def _check_calibration(calibration: Files, photo: Path, found: Checked) -> None:
     from strandcast.stages.calibrate import camera_by_markers, plane_markers_of, read_photos_of
 
     context = calibration.job.context
+    _, camera_name = parted(context.name)
+    of_camera = f"{camera_name}: " if camera_name else ""
     if not all(path.is_file() for path in calibration.inputs("lens")):
         [picture] = read_photos_of(context, [photo])
         markers, dictionary, shown, warnings = plane_markers_of(context.settings.camera, picture, str(photo))
@@ -342,7 +344,7 @@ def _check_calibration(calibration: Files, photo: Path, found: Checked) -> None:
         else:
             camera = Camera.read(calibration.output("camera"))
         count, warnings = len(camera.plane_markers), camera.lens.warnings + camera.warnings
-    found.facts += [f"warning: {words}" for words in warnings]
+    found.facts += [f"warning: {of_camera}{words}" for words in warnings]
     found.facts.append(f"{count} plane markers are in {photo}")
 
 
@@ -384,8 +386,8 @@ def _problems_of_trial(context: Context, trial: TrialFolder) -> Iterator[Strandc
         fix = f"import it: {capture_command(context, trial.number)} (docs/how-to/throw-in-space.md)"
         yield _wrong("the trial was thrown, and its capture has not been imported", trial.data, fix)
     elif not supplied:
-        for one in context.views or [context]:
-            yield from _problems_of_video(one, one.folder.trial(trial.number))
+        for one in context.by_camera:
+            yield from _problems_of_video(one, one.folder.trial(trial.number), trial.films)
         yield from _problems_of_log(context, trial)
     needed = [*(files.SUPPLIED_FILES.values() if supplied else ())]
     needed += [other for one, other in LOG_FILES if one in there]
@@ -412,14 +414,18 @@ def _problems_of_log(context: Context, trial: TrialFolder) -> Iterator[Strandcas
         yield _wrong("the trial has a video, but no joint log", trial.data, fix)
 
 
-def _problems_of_video(context: Context, trial: TrialFolder) -> Iterator[StrandcastError]:
+def _problems_of_video(
+    context: Context, trial: TrialFolder, of_cameras: tuple[str, ...]
+) -> Iterator[StrandcastError]:
     if not trial.videos():
-        like = [path for path in trial.raw_files() if path.suffix.lower() in video_suffixes()]
+        films = [path for path in trial.raw_files() if path.suffix.lower() in video_suffixes()]
+        like = [path for path in films if path.stem.lower() not in of_cameras]
         [film] = trial.films
         fix = f"copy the recording there as {film}.mp4 (or .avi, .mkv, .mov …), or `strandcast import track`"
         if len(like) == 1:
             fix = _rename(like[0], trial.data / f"{film}{like[0].suffix.lower()}")
-        yield _wrong(f"the trial has raw files, but no {film}", trial.data, fix)
+        missing = VIDEO if film == VIDEO else f"{VIDEO} {film}.*"
+        yield _wrong(f"the trial has raw files, but no {missing}", trial.data, fix)
         return
     camera = context.settings.camera
     try:

@@ -126,8 +126,11 @@ class RunState:
 def past_durations(root: Path, experiments: list[str]) -> Durations:
     """Return how long the stages took in earlier runs, from their benchmark files [s]."""
     found: Durations = {}
-    for name in experiments:
-        for folder, stage, seconds in benchmarks(root / "results" / name):
+    folders = {name: root / "results" / name for name in experiments}
+    for name, results in list(folders.items()):  # each of several cameras has a folder there
+        folders |= {f"{name}/{path.parent.name}": path.parent for path in results.glob("*/cameras")}
+    for name, results in folders.items():
+        for folder, stage, seconds in benchmarks(results):
             subject = f"{name} {folder}" if trial_number(folder) else name
             found.setdefault((name, stage), {})[subject] = seconds
     return found

@@ -20,7 +20,7 @@ from filelock import SoftFileLease, Timeout
 
 from strandcast.errors import StrandcastError
 from strandcast.records.files import remove_temporary_files, write_text
-from strandcast.records.folders import WITHIN_WORKFLOW, ExperimentFolder, trial_folders
+from strandcast.records.folders import WITHIN_WORKFLOW, ExperimentFolder, parted, trial_folders
 from strandcast.records.record import read_json
 
 LEASE_S = 60.0  # chosen: three renewals; a busy file server may delay each by many seconds
@@ -87,7 +87,7 @@ def take(root: Path, experiment: str) -> SoftFileLease:
         _wait_for_owner(held, root, experiment)
     try:
         _write_owner(path)
-        _sweep(ExperimentFolder(root, experiment))
+        _sweep(ExperimentFolder(root, parted(experiment)[0]))
     except BaseException:
         _release(root, experiment, held)
         raise
@@ -200,7 +200,7 @@ def _is_empty(path: Path) -> bool:
 
 
 def _lease_file(root: Path, experiment: str) -> Path:
-    return ExperimentFolder(root, ExperimentFolder(root, experiment).experiment).results / ".lease"
+    return ExperimentFolder(root, parted(experiment)[0]).results / ".lease"
 
 
 def _owner_file(path: Path) -> Path:
@@ -209,7 +209,7 @@ def _owner_file(path: Path) -> Path:
 
 def _sweep(folder: ExperimentFolder) -> None:
     """Remove temporary files of killed stages: nobody else writes results now."""
-    whole = ExperimentFolder(folder.root, folder.experiment)
-    for results in (each.results for each in (whole, *whole.views())):
-        for found in (results, *trial_folders(results).values(), *results.glob("cameras")):
-            remove_temporary_files(found)
+    of_cameras = (*folder.results.glob("*/trial-*"), *folder.results.glob("*/cameras"))
+    of_trials = trial_folders(folder.results).values()
+    for found in (folder.results, *of_trials, *folder.results.glob("cameras"), *of_cameras):
+        remove_temporary_files(found)

@@ -41,8 +41,8 @@ class StageStatus:
         The code of the error with which it failed, if it has one.
     runs
         Whether `strandcast run` runs it now, as far as no other stage fails before it.
-    view
-        Of several cameras, the name of the one that it is of, with the experiment's: ``cable/left``.
+    camera
+        The camera that it is of, where there are several.
     """
 
     stage: str
@@ -51,16 +51,16 @@ class StageStatus:
     after: str | None = None
     code: str | None = None
     runs: bool = False
-    view: str = ""
+    camera: str = ""
 
     @property
     def name(self) -> str:
         """Return the stage, of one of several cameras with the camera."""
-        return f"{self.stage} ({self.view.partition('/')[2]})" if self.view else self.stage
+        return f"{self.stage} ({self.camera})" if self.camera else self.stage
 
     def step(self, trial: int) -> Step:
         """Return the step of a trial that it is the state of."""
-        return Step(self.stage, trial, self.view)
+        return Step(self.stage, trial, self.camera)
 
 
 @dataclass(frozen=True)
@@ -164,7 +164,7 @@ def _trial(
     steps = [step for step in steps_of(context, number) if step in tasks or excluded is None]
     if number > max((step.trial for step in tasks if step.stage == "report"), default=0):
         steps = [step for step in steps if step in tasks]  # only its motion is asked for
-    stages = [replace(_stage(context, step, tasks.get(step), faults), view=step.view) for step in steps]
+    stages = [replace(_stage(context, step, tasks.get(step), faults), camera=step.camera) for step in steps]
     if excluded is not None:
         stages.insert(0, StageStatus("trial", "excluded", [excluded]))
     return TrialStatus(number, throw_of(context, number) if number else None, stages)

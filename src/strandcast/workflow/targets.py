@@ -16,7 +16,7 @@ from strandcast.records.folders import ExperimentFolder, known_experiments, own_
 from strandcast.records.listing import file_exists
 from strandcast.records.verdict import Verdict
 from strandcast.stages import code_version, files
-from strandcast.stages.context import Context, context_of_camera
+from strandcast.stages.context import Context, context_named
 from strandcast.stages.declarations import STAGES
 from strandcast.stages.job import Files, Job, Pattern
 from strandcast.stages.producers import BY_CAMERA, JOIN
@@ -64,7 +64,7 @@ def _is_valid(name: str) -> bool:
 @cache
 def experiment(name: str, root: Path = ROOT) -> Context:
     """Return an experiment, or one of its several cameras, read once."""
-    return context_of_camera(root, name)
+    return context_named(root, name)
 
 
 def names_pattern(names: Iterable[str]) -> str:
@@ -100,18 +100,19 @@ def supplied_trials() -> dict[str, list[str]]:
 
 @cache
 def joined_trials() -> dict[str, list[str]]:
-    """Return the trials that several cameras filmed, by experiment; without supplied ones."""
+    """Return the trials of experiments with several cameras, by experiment; without supplied ones."""
     supplied = supplied_trials()
+    several = [name for name in real_experiments() if _is_valid(name) and experiment(name).views]
     found = {}
-    for name in real_experiments():
-        if _is_valid(name) and experiment(name).views:
-            folders = trial_folders(ROOT / "data" / name).values()
-            found[name] = [each.name for each in folders if each.name not in supplied.get(name, ())]
-    return {name: trials for name, trials in found.items() if trials}
+    for name in several:
+        trials = [each.name for each in trial_folders(ROOT / "data" / name).values()]
+        if left := [trial for trial in trials if trial not in supplied.get(name, ())]:
+            found[name] = left
+    return found
 
 
-def filmed_elsewhere() -> dict[str, list[str]]:
-    """Return the trials whose track is of no single camera of the experiment, by experiment."""
+def joined_or_supplied_trials() -> dict[str, list[str]]:
+    """Return the trials whose track is not of one camera, by experiment."""
     both = supplied_trials(), joined_trials()
     return {name: [trial for trials in both for trial in trials.get(name, ())] for name in both[0] | both[1]}
 
@@ -235,8 +236,9 @@ def targets_of(name: str, until: str | None = None, root: Path = ROOT) -> list[s
     for trial in trials or [0]:
         job, of_camera = Job(context, trial, tuple(trials)), stage in (*BY_CAMERA, JOIN)
         made_by = "register_track" if of_camera and files.supplied(job, trial) else stage
-        jobs = [Job(view, trial) for view in context.views] if made_by in (*BY_CAMERA, "calibrate") else []
-        outputs = [path for each in jobs or [job] for path in Files(STAGES[made_by], each).all_outputs()]
+        of_one = made_by in (*BY_CAMERA, "calibrate")
+        jobs = [Job(one, trial) for one in context.by_camera] if of_one else [job]
+        outputs = [path for each in jobs for path in Files(STAGES[made_by], each).all_outputs()]
         if not trials and any(trial_name(0) in path.parts for path in outputs):
             raise StrandcastError(
                 "SC-W021",

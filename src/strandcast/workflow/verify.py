@@ -1,6 +1,7 @@
 """Check every file of an experiment: its content, the trial that it belongs to, its inputs, its versions."""
 
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import Literal, NamedTuple, get_args
 
@@ -14,6 +15,7 @@ from strandcast.records.motion import Motion
 from strandcast.records.predicted import read_predicted
 from strandcast.records.provenance import current_versions
 from strandcast.records.verified import READERS, Verified
+from strandcast.stages.context import context_of
 
 State = Literal["damaged", "misplaced", "missing", "outdated", "versions"]
 ORDER: tuple[State, ...] = get_args(State)
@@ -32,7 +34,7 @@ class Finding(NamedTuple):
 def verify(root: Path, experiment: str, *, raw: bool = True) -> list[Finding]:
     """Return what is wrong with an experiment's files; with `raw`, videos and joint logs are hashed too."""
     folder = ExperimentFolder(root, experiment)
-    numbers, folders = folder.all_trials(), (folder, *folder.views())
+    numbers, folders = folder.all_trials(), (folder, *_folders_of_cameras(root, experiment))
     trials = [each.trial(number) for each in folders for number in numbers]
     places = [place for each in folders for place in (each.results, each.results / "cameras")]
     places += [trial.results for trial in trials]
@@ -49,6 +51,13 @@ def verify(root: Path, experiment: str, *, raw: bool = True) -> list[Finding]:
         findings += _verify_played(trial) if raw else []
     findings += [finding for trial in trials if raw for finding in _verify_video(trial)]
     return sorted(findings, key=lambda finding: ORDER.index(finding.state))
+
+
+def _folders_of_cameras(root: Path, experiment: str) -> list[ExperimentFolder]:
+    """Return the folders of several cameras; none where the settings, which name them, cannot be read."""
+    with suppress(StrandcastError):
+        return [view.folder for view in context_of(root, experiment).views.values()]
+    return []
 
 
 def refuse_changed_files(root: Path, experiment: str) -> None:
