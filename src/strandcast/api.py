@@ -31,7 +31,7 @@ from strandcast.records.summary import ExperimentSummary
 from strandcast.records.track import AXES
 from strandcast.records.verdict import Verdict
 from strandcast.stages import plan, score
-from strandcast.stages.context import Context, context_of
+from strandcast.stages.context import Context, context_named
 from strandcast.stages.declarations import STAGES
 from strandcast.stages.job import Files, Job
 from strandcast.stages.plan_inputs import next_inputs, servo_of
@@ -60,7 +60,7 @@ class Project:
         self.root = root
 
     def __getitem__(self, name: str) -> ExperimentView:
-        return ExperimentView(context_of(self.root, name))
+        return ExperimentView(context_named(self.root, name))
 
     def __iter__(self) -> Iterator[str]:
         return iter(known_experiments(self.root))

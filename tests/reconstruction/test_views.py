@@ -262,7 +262,7 @@ def cable(tmp_path):
 def manifest_of(camera):
     of_file = {
         "file": f"{camera}.mp4",
-        "sha256": "0" * 64,
+        "sha256": camera,
         "size_bytes": 1,
         "container": "mov",
         "codec": "h264",

@@ -11,9 +11,12 @@ import pytest
 from tests.faults.small import OPENED, SETTINGS, WATCH, environment, make_project
 from tests.workflow.test_loop import undeclared
 
+import strandcast
+from strandcast.config.find import experiment_named
 from strandcast.errors import StrandcastError
 from strandcast.lab import view
 from strandcast.records.lineage import place_of
+from strandcast.records.manifest import Manifest
 from strandcast.records.tables import read_parquet
 from strandcast.records.track import TrackSummary, read_track
 from strandcast.stages import preview
@@ -145,7 +148,8 @@ def test_warnings_of_every_cameras_records_are_in_the_summary(project):
     said = "\n".join(summary.warnings)
     for camera in TURNS_RAD:
         assert f"{camera}: motion.json was planned for small trial 1" in said
-        assert f"{camera}: camera.string_offset_m is not given" in said
+        assert f"{camera}: camera.exposure_s is not given" in said
+    assert "string_offset_m" not in said
 
 
 def test_the_name_of_a_camera_is_asked_for_where_one_is_meant(project):
@@ -159,6 +163,41 @@ def test_the_name_of_a_camera_is_asked_for_where_one_is_meant(project):
     with pytest.raises(StrandcastError, match="SC-R032.*\n.*without a camera's: cable"):
         files_of("estimate", project, "cable/left", 1)
     assert preview.run(project, "cable/left", 1)[0].startswith("cable/left trial 1: left.mp4")
+
+
+def test_films_of_two_cameras_are_not_the_same(copy):
+    film = copy / "data" / CABLE / "trial-01" / "right.mp4"
+    of_left = Manifest.read(copy / "results" / CABLE / "left" / "trial-01" / "manifest.json")
+    path = copy / "results" / CABLE / "right" / "trial-01" / "manifest.json"
+    Manifest.read(path).model_copy(
+        update={"video": of_left.video.model_copy(update={"file": film.name})}
+    ).write(path)
+    with pytest.raises(StrandcastError, match=r"SC-V023.*right\.mp4: is trial-01/left\.mp4, byte for byte"):
+        run_stage("join_views", copy, CABLE, 1)
+
+
+def test_a_setting_in_an_error_is_that_of_the_camera(copy):
+    photo = copy / "data" / CABLE / "calibration" / "right" / "plane.png"
+    photo.write_bytes((photo.parent / "lens-01.png").read_bytes())
+    with pytest.raises(StrandcastError) as caught:
+        run_stage("calibrate", copy, "cable/right")
+    assert str(caught.value.field).startswith("cameras.right.plane")
+
+
+def test_a_camera_is_an_experiment_in_python(project):
+    assert strandcast.open(project)["cable/left"].trials[1].observations.size
+
+
+def test_a_camera_is_named_below_data_too(project, monkeypatch):
+    monkeypatch.chdir(project / "data")
+    assert experiment_named("cable/left", Path("..")) == "cable/left"
+    assert experiment_named("cable/trial-01", Path("..")) == "cable"
+
+
+def test_results_without_their_film_are_not_shown_again(copy):
+    for camera in TURNS_RAD:
+        (copy / "data" / CABLE / "trial-01" / f"{camera}.mp4").unlink()
+    assert "SC-W036" in str(refusal(copy, CABLE))
 
 
 def test_a_missing_film_is_named(copy):

@@ -13,7 +13,8 @@ rule align:
     log:
         "results/{experiment}/trial-{trial}/logs/align.log",
     wildcard_constraints:
-        experiment=targets.experiment_pattern(IN_SPACE_OR_SUPPLIED, other=True),
+        experiment=targets.experiment_pattern(IN_SPACE_OR_SUPPLIED, other=True)
+        + targets.OR_CAMERA,
     group:
         shard_of("align")
     resources:

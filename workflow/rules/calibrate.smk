@@ -12,6 +12,8 @@ rule calibrate:
         **shown(stage_outputs("calibrate"), "Calibration", picture="camera"),
     log:
         "results/{experiment}/cameras/{camera}/logs/calibrate.log",
+    wildcard_constraints:
+        experiment=targets.EXPERIMENT + targets.OR_CAMERA,
     group:
         shard_of("calibrate")
     resources:

@@ -12,6 +12,8 @@ rule ingest:
         **stage_outputs("ingest"),
     log:
         "results/{experiment}/trial-{trial}/logs/ingest.log",
+    wildcard_constraints:
+        experiment=targets.EXPERIMENT + targets.OR_CAMERA,
     group:
         shard_of("ingest")
     resources:

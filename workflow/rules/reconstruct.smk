@@ -13,7 +13,8 @@ rule reconstruct:
     log:
         "results/{experiment}/trial-{trial}/logs/reconstruct.log",
     wildcard_constraints:
-        experiment=targets.experiment_pattern(IN_SPACE_OR_SUPPLIED, other=True),
+        experiment=targets.experiment_pattern(IN_SPACE_OR_SUPPLIED, other=True)
+        + targets.OR_CAMERA,
     group:
         shard_of("reconstruct")
     resources:

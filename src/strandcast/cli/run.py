@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from strandcast.cli.common import ROOT, AsJson, Experiments, show
+from strandcast.records.folders import parted
 from strandcast.workflow.project import DEFAULT_PROFILE
 
 if TYPE_CHECKING:
@@ -131,7 +132,7 @@ def failed_lines(done: "RunResult") -> list[str]:
     """Return what failed, and how to go on."""
     if not done.failed:
         return []
-    names = " ".join(dict.fromkeys(job.experiment for job in done.failed))
+    names = " ".join(dict.fromkeys(parted(job.experiment)[0] for job in done.failed))
     failed = [f"  {job.subject}: {job.stage}, see {ROOT / (job.log or '')}" for job in done.failed]
     count = f"{len(failed)} stage{'' if len(failed) == 1 else 's'} failed; all other results are kept:"
     return [count, *failed, f"correct what the messages name, then go on: strandcast run {names}"]

@@ -22,9 +22,12 @@ SPELLED_OUT = str.maketrans({"ä": "ae", "ö": "oe", "ü": "ue", "ß": "ss", "ø
 def experiment_named(argument: str, root: Path) -> str:
     """Return the experiment that an argument names: by its name, or by a path to its file or in its folders.
 
-    A path that names none is returned as it is; `find_experiment` refuses it.
+    A path that names none is returned as it is, as is a camera's name; `find_experiment` refuses them.
     """
-    if os.sep not in argument and argument not in (".", ".."):
+    experiment, camera = parted(argument)
+    if not camera and os.sep not in argument and argument not in (".", ".."):
+        return argument
+    if camera and not Path(argument).exists() and experiment in known_experiments(root):
         return argument
     path, top = (Path(os.path.normpath(each.absolute())) for each in (Path(argument), root))
     parts = path.relative_to(top).parts if path.is_relative_to(top) else ()

@@ -191,9 +191,12 @@ def _files(experiment: ExperimentView, inputs: Iterable[str]) -> dict[str, Path]
     context = experiment.context
     folder = context.folder
     found = [context.file, context.arm_file, *(folder.root / name for name in inputs)]
+    former = {path.parent for path in folder.results.glob("*/cameras")}  # of cameras that were removed
+    former -= {view.folder.results for view in context.views.values()}
     for top in (folder.data, folder.results):
         for place, folders, names in os.walk(top, followlinks=True):  # a large video is often a link
-            folders[:] = [name for name in folders if name != "logs" and not name.startswith(".")]
+            shown = [name for name in folders if name != "logs" and not name.startswith(".")]
+            folders[:] = [name for name in shown if Path(place, name) not in former]
             found += [Path(place, name) for name in names if not name.startswith(".")]
     named = {_name_of(experiment, path): path for path in found if path.is_file()}
     return {name: named[name] for name in in_trial_order(named)}

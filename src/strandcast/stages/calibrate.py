@@ -20,6 +20,7 @@ from strandcast.errors import StrandcastError
 from strandcast.progress import progress
 from strandcast.records.camera import Camera, Lens
 from strandcast.records.files import atomic_write
+from strandcast.records.folders import parted
 from strandcast.records.lineage import note_picture
 from strandcast.records.manifest import Manifest
 from strandcast.stages.context import Context
@@ -76,7 +77,8 @@ def camera_by_markers(context: Context, files: Files) -> tuple[Camera, np.ndarra
         on_board=settings.camera.plane.board is not None,
     )
     camera.warnings = warnings + camera.warnings
-    if settings.lab is None and "string_offset_m" not in settings.camera.model_fields_set:
+    alone = not parted(context.name)[1]  # several cameras see where the string is
+    if settings.lab is None and alone and "string_offset_m" not in settings.camera.model_fields_set:
         camera.warnings += unmeasured_offset_warnings(camera)
     return camera, picture
 

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from strandcast.config.bounded import load_toml, read_bounded
+from strandcast.config.camera import PLANE_PHOTO
 from strandcast.errors import StrandcastError
 from strandcast.records.folders import VIDEO, trial_folders
 from strandcast.records.listing import entries_of, file_exists, files_matching
@@ -83,12 +84,9 @@ strobes = of_views(results(this, "track.json", "strobe.webp"))
 
 
 def shared_boards(job: Job) -> list[Path]:
-    """Return the photos of the lens board that several cameras took at once, beside the plane's."""
-    cameras = job.context.settings.cameras.values()
-    folders = {(job.context.folder.data / camera.plane_photo).parent for camera in cameras}
-    if len(folders) < len(cameras):
-        return []
-    found = [path for folder in folders for path in files_matching(folder, SHARED_BOARDS)]
+    """Return the photos of the lens board that several cameras took at once, each camera's in a folder."""
+    folder = job.context.folder.data / CALIBRATION
+    found = (path for camera in job.context.views for path in files_matching(folder / camera, SHARED_BOARDS))
     return sorted(path for path in found if path.suffix.lower() in PHOTO_SUFFIXES)
 
 
@@ -223,6 +221,7 @@ def _arm_keys(arm_toml: str) -> dict[str, Any]:
 
 
 SHARED_BOARDS = "both-*"
+CALIBRATION = Path(PLANE_PHOTO).parent
 PHOTO_SUFFIXES = (".jpg", ".jpeg", ".png", ".tif", ".tiff", ".bmp")
 LAB_PHOTOS = tuple(f"calibration/lens-{number:02d}.png" for number in range(1, 13))
 

@@ -3,19 +3,21 @@
 from collections import defaultdict
 from collections.abc import Iterator
 from dataclasses import replace
+from itertools import combinations
 from pathlib import Path
 
 import numpy as np
 
 from strandcast.camera.mapping import pixel_to_metre
 from strandcast.camera.stereo import stereo_pose
-from strandcast.errors import StrandcastError
+from strandcast.errors import INTEGRITY, StrandcastError
 from strandcast.imports.capture import CapturedTrial, supplied_summary
 from strandcast.imports.clock import supplied_clock
 from strandcast.imports.track_checks import check_track, paths_of
 from strandcast.reconstruction.views import SpaceReconstruction, StringView, reconstruct_in_space
 from strandcast.records.alignment import HAND, Alignment, EndPath, end_columns
 from strandcast.records.camera import Camera
+from strandcast.records.files import sha256_file
 from strandcast.records.manifest import Manifest
 from strandcast.records.observations import read_observations
 from strandcast.records.tables import write_table
@@ -31,6 +33,8 @@ Z_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
 
 def run(job: Job, files: Files) -> None:
     """Write track, summary, alignment and hand of one trial; the track has the frames of the first camera."""
+    manifests = [Manifest.read(path) for path in files.inputs("manifests")]
+    _refuse_same_film(job, manifests)
     summaries = [TrackSummary.read(path) for path in files.inputs("summaries")]
     length_m = summaries[0].length_m
     seen, warnings = _placed_by_boards(job, files, _views(job, files))
@@ -41,7 +45,7 @@ def run(job: Job, files: Files) -> None:
     summary = supplied_summary(track, known, [*range(1, points + 1)])
     summary.choices = {"ends_px": found.ends_px, "ends_sigma": found.ends_sigma}
     summary.cameras = list(job.context.settings.cameras)
-    summary.warnings = [*found.warnings, *warnings, *_warnings_of_views(seen, summaries, files)]
+    summary.warnings = [*found.warnings, *warnings, *_warnings_of_views(seen, summaries, manifests)]
     summary.faults = [fault for each in summaries for fault in each.faults]
     # All cameras see the same end; what only one of them doubts, as a plane, two of them measure.
     summary.tip_sigma_m = min(each.tip_sigma_m for each in summaries)
@@ -73,9 +77,24 @@ def _views(job: Job, files: Files) -> list[StringView]:
     ]
 
 
-def _warnings_of_views(views: list[StringView], summaries: list[TrackSummary], files: Files) -> Iterator[str]:
+def _refuse_same_film(job: Job, manifests: list[Manifest]) -> None:
+    """Refuse a film that two cameras have: one of them would count twice."""
+    for one, other in combinations([each.video for each in manifests], 2):
+        _refuse_same(job.folder.data / one.file, job.folder.data / other.file, one.sha256 == other.sha256)
+
+
+def _refuse_same(one: Path, other: Path, same: bool) -> None:
+    """Refuse a file that is another camera's."""
+    if same:
+        what = f"is {one.relative_to(one.parents[1])}, byte for byte"
+        fix = "copy this camera's own file"
+        raise StrandcastError("SC-V023", what, file=other, fix=fix, exit_code=INTEGRITY)
+
+
+def _warnings_of_views(
+    views: list[StringView], summaries: list[TrackSummary], manifests: list[Manifest]
+) -> Iterator[str]:
     """Yield the warnings of the cameras' records, each with the camera's name."""
-    manifests = [Manifest.read(path) for path in files.inputs("manifests")]
     for view, summary, manifest in zip(views, summaries, manifests, strict=True):
         records = (manifest, view.camera, view.camera.lens, summary, view.clock)
         yield from (f"{view.name}: {text}" for record in records for text in record.warnings)
@@ -86,21 +105,22 @@ def _placed_by_boards(job: Job, files: Files, views: list[StringView]) -> tuple[
 
     Photos that the first camera and another took at once have the same name in the folders of both.
     """
-    by_folder: dict[Path, dict[str, Path]] = defaultdict(dict)
+    by_camera: dict[str, dict[str, Path]] = defaultdict(dict)
     for path in files.inputs("boards"):
-        by_folder[path.parent][path.stem] = path
-    data, settings = job.context.folder.data, job.context.settings
-    photos = [by_folder[(data / camera.plane_photo).parent] for camera in settings.cameras.values()]
+        by_camera[path.parent.name][path.stem] = path
+    photos = [by_camera[view.name] for view in views]
     warnings: list[str] = []
     for k in range(1, len(views)):
         if both := sorted(photos[0].keys() & photos[k].keys()):
             pair = [[each[name] for name in both] for each in (photos[0], photos[k])]
+            for one, other in zip(*pair, strict=True):
+                _refuse_same(one, other, sha256_file(one) == sha256_file(other))
             views[k], doubts = _placed(job, views[0], views[k], pair)
             warnings += doubts
         elif photos[0] or photos[k]:
             what = f"no photo of a board, both-*, is there for {views[0].name} and for {views[k].name}"
             fix = "give the photos that two cameras took at once the same name"
-            raise StrandcastError("SC-C030", what, file=data, fix=fix)
+            raise StrandcastError("SC-C030", what, file=job.context.folder.data, fix=fix)
     return views, warnings
 
 

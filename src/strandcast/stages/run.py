@@ -2,21 +2,25 @@
 
 import importlib
 import json
+import re
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from threadpoolctl import threadpool_limits
 
+from strandcast.config.camera import CameraSettings
 from strandcast.errors import INTEGRITY, StrandcastError
 from strandcast.progress import print_line
+from strandcast.records.folders import parted
 from strandcast.records.lineage import made_by_stage
-from strandcast.stages.context import context_of, context_of_camera
+from strandcast.stages.context import Context, context_of, context_of_camera
 from strandcast.stages.declarations import STAGES
 from strandcast.stages.job import Files, Job
 from strandcast.stages.made import made_from, write_note
 from strandcast.stages.producers import BY_CAMERA, Step, producers
 from strandcast.stages.raw_files import missing_file
 
+OF_CAMERA = re.compile(rf"\bcamera\.(?={'|'.join(CameraSettings.model_fields)})")
 PAGES = ("report", "summary")  # they show what is missing
 
 
@@ -50,12 +54,23 @@ def run_job(files: Files) -> None:
         try:
             run(files.job, files)
         except StrandcastError as error:
+            _name_camera(error, files.job.context)
             if stage in PAGES and error.exit_code == INTEGRITY:  # raised after the page was written
                 write_note(files, at_start)
             raise
     write_note(files, at_start)
     for warning in _warnings(files):
         print_line(f"{stage}: warning: {warning}")
+
+
+def _name_camera(error: StrandcastError, context: Context) -> None:
+    """Let an error about settings name those of the camera, where the experiment has several."""
+    _, camera = parted(context.name)
+    if camera:
+        error.file = error.file or str(context.file)
+        error.field, error.fix = (
+            text and OF_CAMERA.sub(f"cameras.{camera}.", text) for text in (error.field, error.fix)
+        )
 
 
 def _warnings(files: Files) -> Iterator[str]:

@@ -85,14 +85,15 @@ def refusal(root: Path, name: str, until: str | None = None, *, raw: bool = True
 def refuse_lost_trials(context: Context) -> None:
     """Refuse an experiment with the page of a trial that counts, and not its raw files (SC-W036)."""
     folder = context.folder
-    lost = sorted({*context.counted(folder.reported_trials())} - {*folder.thrown_trials()})
+    lost = sorted({*context.counted(folder.reported_trials())} - {*folder.recorded_trials()})
     if lost:
+        missing = "film" if folder.trial(lost[0]).raw_files() else "raw files"
         raise StrandcastError(
             "SC-W036",
-            f"the results of trial {lost[0]} are there, and not its raw files",
+            f"the results of trial {lost[0]} are there, and not its {missing}",
             file=folder.trial(lost[0]).data,
             cost="motions would be planned again, as if it had not been thrown",
-            fix="copy its folder there, exclude it, or, to throw it again, move "
+            fix="copy it there, exclude it, or, to throw it again, move "
             f"{folder.trial(lost[0]).results} away",
         )
 
@@ -186,7 +187,7 @@ def _check_arm(context: Context, found: Checked) -> None:
         return
     if settings.target_m is None and not context.folder.thrown_trials():
         found.facts.append(f"string of {string.length_m:g} m, no target and no recording yet; {IMPORT}")
-        found.after = "import track {} 1 FILE.csv"
+        found.after = "run {}" if context.views else "import track {} 1 FILE.csv"
         return
     task = task_of(context, arm)
     found.facts.append(f"string of {string.length_m:g} m as {task.model.points} points, arm {arm.name}")
@@ -272,7 +273,8 @@ def _check_string(context: Context) -> None:
     """Check the lab's string, and the settings of a throw in space before it is thrown."""
     from strandcast.lab.strings import physical_string
 
-    refuse_settings_of_others(context, in_space=context.settings.aims_in_space)
+    in_space = context.settings.aims_in_space or bool(context.views)
+    refuse_settings_of_others(context, in_space=in_space)
     if context.settings.lab is not None:
         with about_settings(context):
             physical_string(context.settings)

@@ -141,7 +141,8 @@ def _status_of(context: Context) -> Status:
     shown = sorted({0, *numbers, *context.folder.thrown_trials(), *(step.trial for step in tasks)})
     trials = [_trial(context, number, tasks, faults) for number in shown]
     if context.settings.target_m is None and not context.folder.thrown_trials():
-        next_steps = [f"# import a recording: strandcast import track {name} 1 FILE.csv"]
+        imports = f"import a recording: strandcast import track {name} 1 FILE.csv"
+        next_steps = [f"# {recording_advice(context, 1) if context.views else imports}"]
     else:
         next_steps = list(_next_steps(context, trials, damaged))
     return Status(name, trials, damaged, next_steps)

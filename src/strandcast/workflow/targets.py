@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable, Iterator
 from functools import cache
 from pathlib import Path
 
-from strandcast.config.find import NAME
+from strandcast.config.find import NAME as EXPERIMENT
 from strandcast.core.trial_names import PREFIX, TRIAL_DIGITS, trial_digits, trial_name
 from strandcast.errors import StrandcastError
 from strandcast.records.folders import ExperimentFolder, known_experiments, own_experiments, trial_folders
@@ -26,7 +26,7 @@ DEMO = "demo"
 NEVER = "(?!)"  # the pattern that matches nothing
 TRIAL = TRIAL_DIGITS
 CAMERA = r"[a-z0-9][a-z0-9_-]{0,31}"
-EXPERIMENT = rf"{NAME}(?:/(?!{PREFIX}){CAMERA})?"  # also one of its several cameras: cable/left
+OR_CAMERA = rf"(?:/(?!{PREFIX}){CAMERA})?"  # of an experiment with several cameras, one: cable/left
 
 
 def default_experiments(root: Path = ROOT) -> list[str]:
