@@ -126,7 +126,7 @@ class TrialResults:
         return summary is not None and summary.source == "supplied"
 
     def joined(self) -> list[str]:
-        """Return the names of the cameras whose tracks were joined in space; none of a single one."""
+        """Return the names of the cameras that a track in space was joined from; none of a single one."""
         return self.need("track_summary").cameras if self.supplied() else []
 
     def views(self) -> dict[str, tuple[TrackSummary, bytes]]:

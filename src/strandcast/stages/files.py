@@ -70,7 +70,7 @@ def cameras(job: Job) -> list[Path]:
 
 
 def filming(job: Job) -> list[Path]:
-    """Return the record of the one camera whose track a trial has; none where there is no such camera."""
+    """Return the record of the one camera that a trial's track is of; none where there is no such camera."""
     return cameras(job) if by_one_camera(job, job.trial) else []
 
 

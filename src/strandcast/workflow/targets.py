@@ -112,7 +112,7 @@ def joined_trials() -> dict[str, list[str]]:
 
 
 def joined_or_supplied_trials() -> dict[str, list[str]]:
-    """Return the trials whose track is not of one camera, by experiment."""
+    """Return the trials with a track that is not of one camera, by experiment."""
     both = supplied_trials(), joined_trials()
     return {name: [trial for trials in both for trial in trials.get(name, ())] for name in both[0] | both[1]}
 
