@@ -78,6 +78,7 @@ def test_of_several_cameras_each_has_its_photos_and_all_see_the_same(tmp_path):
     assert (top.lens, top.plane_photo) == ("calibration/top/lens-*.png", "calibration/top/plane.png")
     assert (top.board, top.string_offset_m, top.exposure_s) == (side.board, 0.01, None)
     assert load(tmp_path, TWO).camera.lens == LENS
+    assert [*load(tmp_path, TWO + "  1: {}\n").cameras] == ["side", "1"]
     assert "plane_photo" not in side.model_fields_set
     named = load(tmp_path, TWO + "  top: {plane_photo: top.png}\n").cameras["top"]
     assert (named.plane_photo, named.model_fields_set >= {"plane_photo", "board"}) == ("top.png", True)

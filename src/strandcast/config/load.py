@@ -55,18 +55,19 @@ def load_experiment(path: str | Path, text: str | None = None) -> Experiment:
     except StrandcastError as error:
         error.file, error.line = str(path), line_of(data, (str(error.field),))
         raise
-    for name, camera in experiment.cameras.items():
-        if len(experiment.cameras) > 1:  # what they have by default was not given
-            camera.model_fields_set.difference_update({*PHOTOS} - {*(data["cameras"][name] or {})})
+    if len(experiment.cameras) > 1:  # what they have by default was not given
+        for name, given in _plain(data)["cameras"].items():
+            experiment.cameras[name].model_fields_set.difference_update({*PHOTOS} - {*given})
     return experiment
 
 
 def _is_inherited(data: CommentedMap, loc: tuple[int | str, ...]) -> bool:
     """Return whether an error is in what a camera has from the first one, where it is reported too."""
+    cameras = _plain(data).get("cameras")
     match loc:
-        case ("cameras", name, part, *_) if part in SEEN_BY_ALL and isinstance(data.get("cameras"), dict):
-            given = data["cameras"].get(name)
-            return name != next(iter(data["cameras"])) and isinstance(given, dict) and part not in given
+        case ("cameras", name, part, *_) if part in SEEN_BY_ALL and isinstance(cameras, dict):
+            given = cameras.get(name)
+            return name != next(iter(cameras)) and isinstance(given, dict) and part not in given
     return False
 
 
