@@ -33,14 +33,14 @@ MAPPING = {
     "markers": [{"place_m": place_m, "position": [f"m{m}"]} for m, place_m in enumerate(PLACES_M)],
 }
 YAML = """\
-string: {{length_m: 0.6, mass_per_length_kg_m: 0.012, weights: {weights}}}
+string: {{length_m: 0.6, points: 12, mass_per_length_kg_m: 0.012, weights: {weights}}}
 estimate: {{evaluations: 500}}
 """
 
 
 def write_capture(file: Path, weights: list[tuple[float, float]], seed: int) -> CaptureMapping:
-    """Write a swing of 2.5 s at 60 Hz with markers off by 0.3 mm; return its mapping."""
-    time_s = np.arange(0.0, 2.5, 1.0 / 60.0)
+    """Write a swing of 2 s at 60 Hz with markers off by 0.3 mm; return its mapping."""
+    time_s = np.arange(0.0, 2.0, 1.0 / 60.0)
     eased = np.clip((time_s - 0.5) / 0.3, 0.0, 1.0) ** 2
     place = (
         0.12 * eased[:, None] * np.column_stack([np.sin(5.0 * time_s), np.sin(7.0 * time_s), 0.0 * time_s])
@@ -88,7 +88,7 @@ def captured(tmp_path_factory: pytest.TempPathFactory, project_root: Path) -> Pa
 def test_a_captured_weight_is_given_in_kilograms_with_an_interval_that_holds_it(captured):
     folder = captured / "results" / "loaded" / "trial-01"
     (weight,) = Estimate.read(folder / "estimate.json").weights
-    assert weight.plain_kg == pytest.approx(MASS_KG_M * LENGTH_M / 20)
+    assert weight.plain_kg == pytest.approx(MASS_KG_M * LENGTH_M / 12)
     low, high = (end if end is None else end * weight.plain_kg for end in weight.interval)
     assert low < WEIGHT_KG < high
     assert weight.words in (folder / "report.html").read_text()
@@ -114,7 +114,7 @@ def test_several_files_are_imported_as_the_next_trials(captured):
     done = run_module(captured, *line)
     assert done.returncode == 0, done.stderr
     trials = json.loads(done.stdout)["trials"]
-    assert [(each["trial"], each["samples"]) for each in trials] == [(7, 150), (8, 150)]
+    assert [(each["trial"], each["samples"]) for each in trials] == [(7, 120), (8, 120)]
     for number in (7, 8):
         assert (captured / "data" / "loaded" / f"trial-{number:02d}" / "track.json").is_file()
         shutil.rmtree(captured / "data" / "loaded" / f"trial-{number:02d}")
