@@ -14,6 +14,7 @@ from tests.workflow.test_loop import undeclared
 import strandcast
 from strandcast.config.find import experiment_named
 from strandcast.errors import StrandcastError
+from strandcast.exports.throw import read_throw
 from strandcast.lab import view
 from strandcast.records.lineage import place_of
 from strandcast.records.manifest import Manifest
@@ -186,6 +187,11 @@ def test_a_setting_in_an_error_is_that_of_the_camera(copy):
 
 def test_a_camera_is_an_experiment_in_python(project):
     assert strandcast.open(project)["cable/left"].trials[1].observations.size
+
+
+def test_exports_of_the_plane_refuse_a_track_in_space(project):
+    with pytest.raises(StrandcastError, match="SC-E008.*in space.*\n.*export csv cable 1"):
+        read_throw(strandcast.open(project)[CABLE].trial(1))
 
 
 def test_a_camera_is_named_below_data_too(project, monkeypatch):

@@ -26,6 +26,7 @@ from strandcast.exports.mjcf import (
     in_mujoco,
     string_on_hand,
 )
+from strandcast.exports.throw import refuse_in_space
 from strandcast.records.files import write_bytes
 from strandcast.stages.declarations import STAGES
 from strandcast.stages.estimate import throw_of
@@ -54,6 +55,7 @@ def export_mjcf(trial: TrialView, out: Path, total_kg: float = STRING_KG) -> Exp
     total_kg
         Mass of the string with all it carries: video and joints cannot show it.
     """
+    refuse_in_space(trial)
     context = trial.context
     arm, settings = load_arm(context.arm_file).planar(), context.settings.estimate
     model, layout = string_model(context, arm)

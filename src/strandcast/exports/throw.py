@@ -12,6 +12,7 @@ from strandcast.core.interpolation import resampled
 from strandcast.core.trial_names import trial_digits
 from strandcast.errors import StrandcastError
 from strandcast.records.joint_log import JointLog
+from strandcast.records.track import is_in_space
 from strandcast.stages.declarations import STAGES
 from strandcast.stages.job import Files, Job
 from strandcast.stages.past_trials import read_trial
@@ -71,7 +72,8 @@ class ThrowData:
 
 
 def read_throw(trial: TrialView) -> ThrowData:
-    """Read a trial that has been estimated."""
+    """Read a trial in the plane that has been estimated."""
+    refuse_in_space(trial)
     context = trial.context
     arm = load_arm(context.arm_file).planar()
     measured = read_trial(Files(STAGES["estimate"], Job(context, trial.number)), trial.number)
@@ -105,6 +107,14 @@ def _joints(arm: PlanarArm, log: JointLog | None) -> tuple[np.ndarray, np.ndarra
     # A clock that stood still between two rows would make time run backwards elsewhere.
     rows = np.r_[True, np.diff(log.time_s) > 0]
     return log.time_s[rows], log.q_rad[rows][:, columns], log.q_cmd_rad[rows][:, columns]
+
+
+def refuse_in_space(trial: TrialView) -> None:
+    """Refuse a trial in space (SC-E008): these exports are of the plane."""
+    if is_in_space(trial.track.columns):
+        what = "the trial is in space, and this export is of one in the plane"
+        fix = f"export its tables: strandcast export csv {trial.context.name} {trial.number} --out FOLDER"
+        raise StrandcastError("SC-E008", what, file=trial.folder.results / "track.parquet", fix=fix)
 
 
 def refuse_filled(folder: Path, what: str) -> None:
