@@ -77,8 +77,8 @@ def again(
     seen: Observations, camera: Camera, tmp_path_factory: pytest.TempPathFactory
 ) -> tuple[Track, dict[str, np.ndarray]]:
     path = tmp_path_factory.mktemp("observations") / "observations.parquet"
-    write_observations(path, [seen])
-    return reconstruct(read_observations(path)["main"], camera)
+    write_observations(path, seen)
+    return reconstruct(read_observations(path), camera)
 
 
 def test_points_come_back_to_rounding_with_the_same_sigma_and_flags(again, tracked):
@@ -128,7 +128,7 @@ def test_the_stage_needs_records_alone(seen, camera, tracked, tmp_path: Path):
     settings = "string: {length_m: 0.3}\ntarget_m: [0.5, 0.5]\ncameras: {side: {}}\n"
     (folder.data / "experiment.yaml").write_text(settings)
     results = folder.trial(1).results
-    write_observations(results / "observations.parquet", [replace(seen, camera="side")])
+    write_observations(results / "observations.parquet", replace(seen, camera="side"))
     camera.write(folder.camera("side"))
     run_stage("reconstruct", tmp_path, "blind", 1)
     track = read_track(results / "track.parquet", POINTS)
@@ -139,8 +139,8 @@ def test_the_stage_needs_records_alone(seen, camera, tracked, tmp_path: Path):
 
 def test_a_trial_without_markers_gives_an_empty_table(tracked, camera, tmp_path):
     bare = replace(tracked, markers=marker_columns(np.zeros((0, 7))))
-    write_observations(tmp_path / "o.parquet", [observe(bare, camera, "main", {})])
-    track, markers = reconstruct(read_observations(tmp_path / "o.parquet")["main"], camera)
+    write_observations(tmp_path / "o.parquet", observe(bare, camera, "main", {}))
+    track, markers = reconstruct(read_observations(tmp_path / "o.parquet"), camera)
     assert len(markers["frame"]) == 0
     assert len(track.frame) == FRAMES - 1
 

@@ -14,24 +14,27 @@ from strandcast.workflow import shards, targets
 
 # The jobs of each rule: in the lab, in space too, of a recorded throw, of a track measured elsewhere.
 LAB, SPACE, RIG, MOCAP = "experiment=lab", "experiment=space", "experiment=rig", "experiment=mocap"
+TWO = "experiment=two"  # cameras
+SEVERAL = "string: {length_m: 0.3}\ncameras: {left: {}, right: {}}\n"
 IN_SPACE = "string: {length_m: 0.4}\narm: ur5e-space\ntarget_m: [0.6, 0.7, 0.6]\nlab: {servo: pd}\n"
 JOBS = {
     "lab_calibrate": [LAB],
     "lab_rehearse": [LAB, SPACE],
     "lab_throw": [f"{LAB},trial=01"],
     "lab_capture": [f"{SPACE},trial=01"],
-    "calibrate": [f"{LAB},camera=main", f"{RIG},camera=main"],
-    "ingest": [f"{LAB},trial=01", f"{RIG},trial=01"],
-    "track": [f"{LAB},trial=01", f"{RIG},trial=01"],
-    "reconstruct": [f"{LAB},trial=01", f"{RIG},trial=01"],
-    "align": [f"{LAB},trial=01", f"{RIG},trial=01"],
+    "calibrate": [f"{LAB},camera=main", f"{RIG},camera=main", f"{TWO}/left,camera=left"],
+    "ingest": [f"{LAB},trial=01", f"{RIG},trial=01", f"{TWO}/left,trial=01"],
+    "track": [f"{LAB},trial=01", f"{RIG},trial=01", f"{TWO}/left,trial=01"],
+    "reconstruct": [f"{LAB},trial=01", f"{RIG},trial=01", f"{TWO}/left,trial=01"],
+    "align": [f"{LAB},trial=01", f"{RIG},trial=01", f"{TWO}/left,trial=01"],
     "register_track": [f"{MOCAP},trial=01", f"{SPACE},trial=02"],
     "register_motion": [f"{RIG},trial=01", f"{MOCAP},trial=01"],
+    "join_views": [f"{TWO},trial=01"],
     "score": [f"{RIG},trial=01", f"{MOCAP},trial=01"],
     "score_lab": [f"{LAB},trial=01", f"{SPACE},trial=01"],
-    "estimate": [f"{LAB},trial=01", f"{RIG},trial=01", f"{MOCAP},trial=01"],
+    "estimate": [f"{LAB},trial=01", f"{RIG},trial=01", f"{MOCAP},trial=01", f"{TWO},trial=01"],
     "plan": [f"{LAB},trial=01", f"{RIG},trial=02", f"{MOCAP},trial=02"],
-    "report_trial": [f"{LAB},trial=01", f"{RIG},trial=01", f"{MOCAP},trial=01"],
+    "report_trial": [f"{LAB},trial=01", f"{RIG},trial=01", f"{MOCAP},trial=01", f"{TWO},trial=01"],
     "report_experiment": [RIG, MOCAP],  # the lab's waits for verdicts
 }
 # What executors pass to Snakemake on the other computer (snakemake/executors, `format_job_exec`).
@@ -59,20 +62,21 @@ def root(tmp_path_factory, project_root) -> Path:
         "lab": (),
         "space": (),
         "rig": ("video.mp4", "joints.csv", "run.json", "motion.json"),
+        "two": ("left.mp4", "right.mp4", "joints.csv", "run.json", "motion.json"),
         "mocap": (*SUPPLIED_FILES.values(), "motion.json"),
     }
     for name, files in recordings.items():
         folder = root / "data" / name / "trial-01"
         folder.mkdir(parents=True)
-        texts = {"lab": SETTINGS, "space": IN_SPACE}
+        texts = {"lab": SETTINGS, "space": IN_SPACE, "two": SEVERAL}
         text = texts.get(name, SETTINGS[: SETTINGS.index("lab:")])
         (folder.parent / "experiment.yaml").write_text(text)
         for file in files:
             (folder / file).touch()
-    boards = root / "data" / "rig" / "calibration"
-    boards.mkdir()
-    for name in ("plane.png", *(f"lens-{number:02d}.png" for number in range(1, 13))):
-        (boards / name).touch()
+    for boards in ("rig/calibration", "two/calibration/left", "two/calibration/right"):
+        (root / "data" / boards).mkdir(parents=True)
+        for name in ("plane.png", *(f"lens-{number:02d}.png" for number in range(1, 13))):
+            (root / "data" / boards / name).touch()
     return root
 
 

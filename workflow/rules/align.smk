@@ -13,7 +13,7 @@ rule align:
     log:
         "results/{experiment}/trial-{trial}/logs/align.log",
     wildcard_constraints:
-        experiment=targets.experiment_pattern(IN_SPACE_OR_SUPPLIED, other=True)
+        experiment=targets.experiment_pattern(SUPPLIED | JOINED, other=True)
         + targets.OR_CAMERA,
     group:
         shard_of("align")
@@ -51,6 +51,10 @@ rule join_views:
         "{wildcards.experiment} trial {wildcards.trial}: what the cameras saw is joined to a track in space"
     shell:
         "strandcast stage join-views {wildcards.experiment:q} {wildcards.trial} 2>&1 | tee {log:q} >&2"
+
+
+# A track that was measured elsewhere counts, also where several cameras filmed the throw.
+ruleorder: register_track > join_views
 
 
 # Where another system (motion capture) measured track and alignment, they are supplied beside the raw files.

@@ -208,8 +208,5 @@ FILMED_IN_LAB = targets.names_pattern(targets.lab_experiments(captures=False))
 CAPTURED_IN_LAB = targets.names_pattern(targets.lab_experiments(captures=True))
 RECORDED_EXPERIMENTS = targets.other_names_pattern(targets.lab_experiments())
 SUPPLIED, PLAYED = targets.supplied_trials(), targets.played_trials()
-JOINED, IN_SPACE_OR_SUPPLIED = (
-    targets.joined_trials(),
-    targets.joined_or_supplied_trials(),
-)
+JOINED = targets.joined_trials()
 THROWN = targets.thrown_trials()

@@ -13,7 +13,7 @@ rule track:
     log:
         "results/{experiment}/trial-{trial}/logs/track.log",
     wildcard_constraints:
-        experiment=targets.experiment_pattern(IN_SPACE_OR_SUPPLIED, other=True)
+        experiment=targets.experiment_pattern(SUPPLIED | JOINED, other=True)
         + targets.OR_CAMERA,
     group:
         shard_of("track")

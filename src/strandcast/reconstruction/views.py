@@ -70,10 +70,9 @@ def reconstruct_in_space(views: list[StringView], length_m: float) -> SpaceRecon
     Raises
     ------
     StrandcastError
-        SC-I047 fewer than two cameras, different numbers of points or too few, no common time, or rays that
-        do not meet in front of the cameras.
+        SC-I047 too few points, no common time, or rays that do not meet in front of the cameras.
     """
-    _refuse_unlike(views)
+    _refuse_few(views)
     first = views[0]
     robot_s = first.clock.robot_time_s(first.pixels.camera_time_s)
     own_sigma_s = clock_sigma_s(first.clock, first.pixels.camera_time_s)
@@ -163,15 +162,8 @@ def _names(views: list[StringView]) -> str:
     return " and ".join(view.name for view in views)
 
 
-def _refuse_unlike(views: list[StringView]) -> None:
-    counts = {view.pixels.points_px.shape[1] - 1 for view in views}
-    if len(views) < 2 or len(counts) > 1:
-        what = (
-            f"{len(views)} camera(s) with {', '.join(map(str, sorted(counts)))} mass points; a track in "
-            "space needs two cameras or more with the same points"
-        )
-        fix = "film with two or more, and set the same string.points for all"
-        raise StrandcastError("SC-I047", what, fix=fix)
-    if min(counts) < FEWEST_POINTS:
-        what = f"{min(counts)} mass points do not show the shape of a string in space"
+def _refuse_few(views: list[StringView]) -> None:
+    points = min(view.pixels.points_px.shape[1] for view in views) - 1
+    if points < FEWEST_POINTS:
+        what = f"{points} mass points do not show the shape of a string in space"
         raise StrandcastError("SC-I047", what, fix=f"set string.points to {FEWEST_POINTS} or more, and track")

@@ -77,22 +77,17 @@ class Observations:
     shapes: dict[int, MarkerShape]
 
 
-def write_observations(path: str | Path, cameras: list[Observations]) -> None:
-    """Write the observations of all cameras as one table."""
-    parts = [part for each in cameras for part in _columns_of(each)]
+def write_observations(path: str | Path, observed: Observations) -> None:
+    """Write the observations of a camera."""
+    parts = _columns_of(observed)
     columns = {name: np.concatenate([part[name] for part in parts]) for name in OBSERVATIONS.columns}
-    facts = {
-        each.camera: {
-            "points": each.string.points_px.shape[1] - 1,
-            "markers": {str(marker): shape._asdict() for marker, shape in each.shapes.items()},
-        }
-        for each in cameras
-    }
-    write_table(path, OBSERVATIONS, columns, {"cameras": facts})
+    shapes = {str(marker): shape._asdict() for marker, shape in observed.shapes.items()}
+    facts = {"points": observed.string.points_px.shape[1] - 1, "markers": shapes}
+    write_table(path, OBSERVATIONS, columns, {"cameras": {observed.camera: facts}})
 
 
-def read_observations(path: str | Path) -> dict[str, Observations]:
-    """Return the observations by camera, each over the frames in which it detected something.
+def read_observations(path: str | Path) -> Observations:
+    """Return the observations of a camera over the frames in which it detected something.
 
     Raises
     ------
@@ -100,20 +95,15 @@ def read_observations(path: str | Path) -> dict[str, Observations]:
         As `read_table`, and SC-R001 rows and facts do not fit together.
     """
     rows = read_table(path, OBSERVATIONS)
-    facts_of = read_facts(path, OBSERVATIONS)
     with fitting(path):
-        return {name: _of_camera(name, rows, facts) for name, facts in facts_of["cameras"].items()}
-
-
-def _of_camera(name: str, rows: dict[str, np.ndarray], facts: dict[str, Any]) -> Observations:
-    own = _chosen(rows, rows["camera"] == name)
-    of_string = own["marker"] == STRING
-    return Observations(
-        name,
-        _read_string(_chosen(own, of_string), facts["points"]),
-        _read_markers(_chosen(own, ~of_string)),
-        {int(marker): MarkerShape(**shape) for marker, shape in facts["markers"].items()},
-    )
+        [(camera, facts)] = read_facts(path, OBSERVATIONS)["cameras"].items()
+        of_string = rows["marker"] == STRING
+        return Observations(
+            camera,
+            _read_string(_chosen(rows, of_string), facts["points"]),
+            _read_markers(_chosen(rows, ~of_string)),
+            {int(marker): MarkerShape(**shape) for marker, shape in facts["markers"].items()},
+        )
 
 
 def _columns_of(observed: Observations) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:

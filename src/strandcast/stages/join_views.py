@@ -72,7 +72,7 @@ def _views(job: Job, files: Files) -> list[StringView]:
     inputs = (files.inputs(role) for role in ("observations", "cameras", "alignments"))
     names = job.context.settings.cameras
     return [
-        StringView(name, read_observations(pixels)[name].string, Camera.read(record), Alignment.read(clock))
+        StringView(name, read_observations(pixels).string, Camera.read(record), Alignment.read(clock))
         for name, pixels, record, clock in zip(names, *inputs, strict=True)
     ]
 

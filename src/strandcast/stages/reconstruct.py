@@ -10,7 +10,7 @@ from strandcast.stages.job import Files, Job
 
 def run(job: Job, files: Files) -> None:
     """Reconstruct the track of one trial in the plane, as its one camera saw it."""
-    observed = read_observations(files.input("observations"))[job.context.settings.camera_name]
+    observed = read_observations(files.input("observations"))
     track, markers = reconstruct(observed, Camera.read(files.input("cameras")))
     write_table(files.output("track"), TRACK, track.columns())
     write_table(files.output("markers"), MARKERS, markers)

@@ -36,7 +36,7 @@ def run(job: Job, files: Files) -> None:
     tracked = track(_tracker_input(context, camera, arm, manifest, video), context.settings.track)
     shapes = {marker.id: MarkerShape(marker.size_m, marker.offset_m) for marker in arm.markers}
     observations = observe(tracked, camera, context.settings.camera_name, shapes)
-    write_observations(files.output("observations"), [observations])
+    write_observations(files.output("observations"), observations)
     frames = tracked.small_frames or VideoFrames(video, manifest.video)
     clip = make_clip(frames, manifest.video, tracked.points_m, camera, aimed_at(context, manifest))
     Clip(experiment=context.name, trial=job.trial, **clip).write(files.output("clip"))

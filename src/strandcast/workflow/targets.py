@@ -25,6 +25,7 @@ ROOT = Path()
 DEMO = "demo"
 NEVER = "(?!)"  # the pattern that matches nothing
 TRIAL = TRIAL_DIGITS
+ANY_TRIAL = [f"{PREFIX}(?:{TRIAL_DIGITS})"]
 CAMERA = r"[a-z0-9][a-z0-9_-]{0,31}"
 OR_CAMERA = rf"(?:/(?!{PREFIX}){CAMERA})?"  # of an experiment with several cameras, one: cable/left
 
@@ -95,26 +96,13 @@ def supplied_trials() -> dict[str, list[str]]:
     Of the lab's captures, that is a pattern of them all: they can be named before they exist.
     """
     there = with_files(*files.SUPPLIED_FILES.values(), experiments=known_experiments(ROOT))
-    return there | {name: [f"{PREFIX}(?:{TRIAL_DIGITS})"] for name in lab_experiments(captures=True)}
+    return there | {name: ANY_TRIAL for name in lab_experiments(captures=True)}
 
 
-@cache
 def joined_trials() -> dict[str, list[str]]:
-    """Return the trials of experiments with several cameras, by experiment; without supplied ones."""
-    supplied = supplied_trials()
+    """Return a pattern of all trials of each experiment with several cameras."""
     several = [name for name in real_experiments() if _is_valid(name) and experiment(name).views]
-    found = {}
-    for name in several:
-        trials = [each.name for each in trial_folders(ROOT / "data" / name).values()]
-        if left := [trial for trial in trials if trial not in supplied.get(name, ())]:
-            found[name] = left
-    return found
-
-
-def joined_or_supplied_trials() -> dict[str, list[str]]:
-    """Return the trials with a track that is not of one camera, by experiment."""
-    both = supplied_trials(), joined_trials()
-    return {name: [trial for trials in both for trial in trials.get(name, ())] for name in both[0] | both[1]}
+    return dict.fromkeys(several, ANY_TRIAL)
 
 
 def played_trials() -> dict[str, list[str]]:
